@@ -26,6 +26,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import numpy as np
 import pandas as pd
 from _common import DATA, RESULTS, STREETS, markdown, mlsroad, pandaset_frames, parser, simulated_street
 
@@ -35,6 +36,7 @@ from mlsroad_pipeline.algorithms.inventory.scoring.object_scores import (
     summarise_measures,
 )
 from mlsroad_pipeline.label.object_scoring import ScoredInventory, ScoreParameters, score_inventory
+from mlsroad_pipeline.review.delivery.estimates import wilson
 
 FIRST_SEED = 911
 TEXT = ("label.read.columns={x: 0, y: 1, z: 2}", "label.read.delimiter=whitespace", "label.read.header=false")
@@ -103,6 +105,11 @@ def scored(case: Case, folder: Path, least_score: float) -> tuple[ScoredInventor
     return score_inventory(ScoreParameters(str(results), str(case.truth), **known)), seconds
 
 
+def _interval(share: float, size: float) -> str:
+    found = wilson(share, size)
+    return "" if np.isnan(share) else f"{found.low:.2f}–{found.high:.2f}"
+
+
 def joined(parts: list[ScoredInventory]) -> MatchedObjects:
     """Return the outcomes of several surveys together."""
     objects, truth = ([getattr(part.matched, name) for part in parts] for name in ("objects", "truth"))
@@ -126,6 +133,8 @@ def main() -> None:
         parts = [part for (part, _), _ in found.values()]
         partial = sorted({kind for _, case in found.values() for kind in case.recall_only})
         table = score_objects(joined(parts), recall_only=partial)
+        for share, size in (("precision", table["right"] + table["false"]), ("recall", table["true"])):
+            table[f"interval of {share}"] = [_interval(*pair) for pair in zip(table[share], size, strict=True)]
         measures = summarise_measures(pd.concat([part.errors for part in parts], ignore_index=True))
         print(f"\n{name}: {', '.join(f'{key} ({seconds:.0f} s)' for key, ((_, seconds), _) in found.items())}\n")
         print(markdown(table.round(2)))

@@ -20,14 +20,14 @@ import numpy as np
 import pandas as pd
 from _common import DATA, RESULTS, mlsroad, parser
 from inventory_scores import TEXT
-from oakland_cross_validation import files_of
-from oakland_objects import REACH
 
 from mlsroad_pipeline.algorithms.geometry.assignment import assign_one_to_one
 from mlsroad_pipeline.review.corrections import Correction, open_corrections
 
 FIRST = ("part2_ac", "part2_ad", "part2_ae", "part2_ag", "part2_ah", "part2_ai")
 """Blocks whose objects are corrected; the others are scored."""
+REACH = {"pole": 0.5, "sign": 0.5, "vehicle": 2.0}
+"""Distances of a pair in metres: the reference of a vehicle is the mean of its seen side."""
 OPTIONS = [option for pair in TEXT for option in ("--params", pair)]
 
 
@@ -91,7 +91,7 @@ def main() -> None:
     arguments = parser(__doc__)
     arguments.add_argument("--folder", type=Path, default=RESULTS / "learning_inventory")
     folder = arguments.parse_args().folder.absolute()
-    blocks, truth = files_of(DATA / "oakland"), pd.read_csv(DATA / "oakland/objects.csv")
+    blocks, truth = sorted((DATA / "oakland").glob("*.xyz_label_conf.gz")), pd.read_csv(DATA / "oakland/objects.csv")
     first = [path for path in blocks if path.name.removeprefix("oakland_").startswith(FIRST)]
     second = [path for path in blocks if path not in first]
     of_first = truth["blocks"].str.contains("|".join(FIRST))

@@ -1,13 +1,13 @@
 """States of registers with planted errors on simulated streets, by `mlsroad compare`.
 
-    python benchmarks/register_states.py [--folder FOLDER]
+    python benchmarks/register_states.py [--streets 81 82 ...] [--folder FOLDER]
 
-Eight streets of 80 m (preset `small`) are simulated and labelled. Each has a register: its true poles, signs and trees
-with an error of 0.15 m and a common offset of (0.8, -0.6) m. Of these 5 % are left out, 5 % are moved by 2 to 4 m and
-5 % have another kind (two at least). Entries that do not exist are added, at least 6 m from any true one: `not found`
-is expected where 15 points of the ground lie within 0.4 m and nothing upright within 0.8 m, `not visible` where no
-ground lies within 2 m. Entries whose object has too few points near its place (20, signs 10, within 0.8 m and up to
-5.3 m above the base) should be confirmed or not visible.
+The four streets of `survey_changes.py` in two years, each scanned by another scanner. Each has a register: its true
+poles, signs and trees with an error of 0.15 m and a common offset of (0.8, -0.6) m. Of these 5 % are left out, 5 % are
+moved by 2 to 4 m and 5 % have another kind (two at least). Entries that do not exist are added, at least 6 m from any
+true one: `not found` is expected where 15 points of the ground lie within 0.4 m and nothing upright within 0.8 m,
+`not visible` where no ground lies within 2 m. Entries whose object has too few points near its place (20, signs 10,
+within 0.8 m and up to 5.3 m above the base) should be confirmed or not visible.
 
 Prints tables in Markdown and writes `register_states.json` into the folder.
 """
@@ -21,9 +21,10 @@ from typing import NamedTuple
 import laspy
 import numpy as np
 import pandas as pd
-from _common import RESULTS, markdown, mlsroad, parser
+from _common import RESULTS, markdown, parser
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from survey_changes import SEEDS, results_of, surveys_of
 
 from mlsroad_pipeline.algorithms.inventory.register.states import (
     CONFIRMED,
@@ -38,7 +39,7 @@ from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 from mlsroad_pipeline.surveys.register_files import RegisterFile
 from mlsroad_pipeline.surveys.truth_tables import counted_objects, point_counts, read_truth
 
-SEEDS = range(51, 59)
+YEARS = ("first", "later")
 SHIFT, NOISE, SHARE = np.array([0.8, -0.6]), 0.15, 0.05
 LEAST = {"pole": 20, "sign": 10, "tree": 20}
 UNSEEN = "confirmed or not visible"
@@ -52,16 +53,6 @@ class Street(NamedTuple):
     xyz: NDArray[np.float64]
     code: NDArray[np.uint8]
     path: NDArray[np.float64]
-
-
-def street_of(folder: Path, seed: int) -> Path:
-    """Return the folder of a street, simulated unless it is there."""
-    street = folder / f"t{seed}"
-    if not (street / "objects.csv").is_file():
-        changes = ("street.signs=3", "street.people=2", "with_images=false")
-        options = [word for change in changes for word in ("--params", change)]
-        mlsroad("simulate", "-o", street, "--length", 80, "--seed", seed, "--overwrite", *options)
-    return street
 
 
 def read_street(street: Path, clouds: list[Path]) -> Street:
@@ -120,20 +111,21 @@ def absent_entries(street: Street, count: int, rng: np.random.Generator) -> pd.D
     return pd.DataFrame(rows, columns=["kind", "x", "y", "height", "id", "expected"])
 
 
-def compared(folder: Path, seed: int) -> tuple[pd.DataFrame, int, int]:
+def compared(folder: Path, seed: int, name: str) -> tuple[pd.DataFrame, int, int]:
     """Return the entries of a street with their states, and how many left-out objects are new, of how many."""
-    place, results = street_of(folder, seed), folder / f"t{seed}_mlsroad"
-    mlsroad("label", place, "-o", results)
+    parameters = surveys_of(seed, SEEDS[seed])[name]
+    place, results = results_of(folder, f"{seed}_{name}", parameters, given=False)
     output = LabelledOutput.at(results)
-    street, rng = read_street(place, list(output.clouds().values())), np.random.default_rng(seed)
+    number = 2 * seed + (name == "later")
+    street, rng = read_street(place, list(output.clouds().values())), np.random.default_rng(number)
     entries, out = planted_errors(street, rng)
     absent = absent_entries(street, 4 * max(2, round(SHARE * len(street.truth))), rng)
     register = pd.concat([entries, absent], ignore_index=True)
     places = register[["x", "y"]] + rng.normal(0, NOISE, (len(register), 2)) - SHIFT
-    path = folder / f"register_{seed}.csv"
+    path = folder / f"register_{seed}_{name}.csv"
     register.assign(x=places["x"], y=places["y"]).drop(columns="expected").to_csv(path, index=False)
     found = compare_register(RegisterFile(path), output)
-    print(f"{seed}: offset {found.offset.shift.round(2)} from {found.offset.pairs} pairs")
+    print(f"{seed} {name}: offset {found.offset.shift.round(2)} from {found.offset.pairs} pairs")
     new = found.table[found.table["state"] == NEW][["x", "y"]].to_numpy(dtype=np.float64)
     near = cKDTree(new).query(out[["x", "y"]].to_numpy())[0] < 1.0 if len(new) and len(out) else np.zeros(len(out))
     return found.table.iloc[: len(register)].assign(expected=register["expected"]), int(np.sum(near)), len(out)
@@ -142,10 +134,12 @@ def compared(folder: Path, seed: int) -> tuple[pd.DataFrame, int, int]:
 def main() -> None:
     """Simulate, label, compare, print."""
     arguments = parser(__doc__)
-    arguments.add_argument("--folder", type=Path, default=RESULTS / "register_states")
-    folder = arguments.parse_args().folder.absolute()
+    arguments.add_argument("--folder", type=Path, default=RESULTS / "survey_changes")
+    arguments.add_argument("--streets", nargs="+", type=int, choices=list(SEEDS), default=list(SEEDS))
+    options = arguments.parse_args()
+    folder = options.folder.absolute()
     folder.mkdir(parents=True, exist_ok=True)
-    tables, new, out = zip(*(compared(folder, seed) for seed in SEEDS), strict=True)
+    tables, new, out = zip(*(compared(folder, seed, name) for seed in options.streets for name in YEARS), strict=True)
     table = pd.concat(tables, ignore_index=True)
     unseen = (table["expected"] == UNSEEN) & table["state"].isin((CONFIRMED, NOT_VISIBLE))
     table["right"] = (table["state"] == table["expected"]) | unseen

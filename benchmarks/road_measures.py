@@ -12,6 +12,12 @@ labelled by the default model. In each metre along the smoothed path:
 
 `share` is that of the stations with a true value that have a listed one, `false` the number with a listed one alone.
 Prints the table and writes it as `road_measures.json` into the folder.
+
+    python benchmarks/road_measures.py --attributes --seed 931
+
+scores types of poles and shapes of plates in place of them: those of listed poles and signs, against the design of the
+true object to which most of their points belong. What is listed wrongly counts as false; signs with several plates do
+not count. Crown diameters are compared with the circle of the box of the true crown.
 """
 
 from __future__ import annotations
@@ -30,10 +36,19 @@ from mlsroad_pipeline.algorithms.inventory.road.stations import REACH, RoadPath
 from mlsroad_pipeline.inventory_files.geopackage import read_geopackage
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 from mlsroad_pipeline.simulation.runtime.stream import SurveyStream
+from mlsroad_pipeline.surveys.truth_tables import instances_of_objects, read_truth
 
 LENGTH, STEP, GUTTER = 100, 0.01, 0.4  # metres
 FIXED = [c for name, c in TAXONOMY.items() if 20 <= c < 50 or c >= 70 if name != "outlier"]
 SIDES = {"left_offset": -1.75, "right_offset": 1.75}
+UTILITY = TAXONOMY["utility_pole"]
+SHAPES = {
+    **dict.fromkeys(("round_sign", "octagonal_sign"), "round"),
+    **dict.fromkeys(("triangular_sign", "yield_sign"), "triangle"),
+    **dict.fromkeys(("rectangular_sign", "square_sign", "diamond_sign", "street_name_sign"), "rectangle"),
+    **dict.fromkeys(("two_post_sign", "chevron_board"), "rectangle"),
+}
+SEVERAL = ("several_plates_sign", "plate_on_lamp")
 UNITS = {"width": "m", "crossfall": "%", "slope": "%", "clearance": "m"}
 
 
@@ -85,6 +100,48 @@ def measured(folder: Path, number: int, seed: int) -> pd.DataFrame:
     return table[list(UNITS)].join(true, rsuffix=" true")
 
 
+def attributes_of(folder: Path, number: int, seed: int) -> pd.DataFrame:
+    """Return the listed objects of a street with their true type or shape, labelling it where that is not done."""
+    kind, scanner = STREETS[number]
+    street = simulated_street(folder, kind, scanner, seed + number, LENGTH)
+    results = folder / f"{kind}_{scanner}"
+    if not (results / "inventory.gpkg").is_file():
+        mlsroad("label", street, "-o", results, "--overwrite")
+    objects = read_geopackage(results / "inventory.gpkg").objects
+    instance = instances_of_objects(read_truth(street), [results / "survey.laz"])
+    true = pd.read_csv(street / "objects.csv").set_index("instance")
+    true = true.reindex(objects["object_id"].map(instance)).set_axis(objects.index)
+    shape = true["design"].map(SHAPES).fillna("").mask(true["design"].isin(SEVERAL))
+    trees = (objects["kind"] == "tree") & true["label"].isin([TAXONOMY["tree"], TAXONOMY["palm"]])
+    return objects.assign(
+        true_type=np.where(true["label"] == UTILITY, "utility", ""), true_shape=shape,
+        crown_error=(objects["crown_diameter"] - np.sqrt(true["length"] * true["width"])).where(trees),
+    )  # fmt: skip
+
+
+def score_attributes(objects: pd.DataFrame) -> list[list[str]]:
+    """Return the rows of precision, recall and F of types and shapes, and of errors of crowns; print them."""
+    rows = []
+    for name, kind, values in (("type", "pole", ["utility"]), ("shape", "sign", ["round", "triangle", "rectangle"])):
+        own = objects[(objects["kind"] == kind) & objects[f"true_{name}"].notna()]
+        found, true = own["pole_type" if name == "type" else "panel_shape"], own[f"true_{name}"]
+        for value in values:
+            listed, wanted, right = found == value, true == value, ((found == value) & (true == value)).sum()
+            parts = [
+                right / max(listed.sum(), 1),
+                right / max(wanted.sum(), 1),
+                2 * right / max(listed.sum() + wanted.sum(), 1),
+            ]
+            rows.append([f"{kind}: {value}", str(wanted.sum()), str(listed.sum()), *(f"{x:.2f}" for x in parts)])
+    crown = objects["crown_error"].dropna()
+    print(
+        f"crown diameter: {len(crown)} trees, median error {crown.abs().median():.2f} m, bias {crown.median():+.2f} m"
+    )
+    for row in rows:
+        print("| " + " | ".join(row) + " |")
+    return rows
+
+
 def rows_of(name: str, values: pd.DataFrame) -> list[list[str]]:
     """Return the rows of a street, and print them."""
     rows = []
@@ -104,9 +161,15 @@ def main() -> None:
     arguments, names = parser(__doc__), [f"{kind}_{scanner}" for kind, scanner in STREETS]
     arguments.add_argument("--only", nargs="+", choices=names, default=names)
     arguments.add_argument("--seed", type=int, default=951)
+    arguments.add_argument("--attributes", action="store_true", help="score types of poles and shapes of plates")
     arguments.add_argument("--folder", type=Path, default=RESULTS / "road_measures")
     options = arguments.parse_args()
     folder, record, every = options.folder.absolute(), [], []
+    if options.attributes:
+        every = [attributes_of(folder, names.index(name), options.seed) for name in options.only]
+        record = score_attributes(pd.concat(every, ignore_index=True))
+        (folder / "object_attributes.json").write_text(json.dumps(record, indent=1) + "\n")
+        return
     print(
         "| data and measure | unit | median error | 90 % quantile | bias | true | share | false |\n" + "|---" * 8 + "|"
     )

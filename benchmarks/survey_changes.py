@@ -96,7 +96,7 @@ def found_at(rows: pd.DataFrame, true: pd.DataFrame) -> tuple[int, int]:
 def scored(table: pd.DataFrame, before: pd.DataFrame, after: pd.DataFrame, built: tuple[set[int], set[int]]) -> dict:
     """Return counts of true, listed and right changes of a pair of surveys."""
     both = before.index.intersection(after.index)
-    way = np.hypot(*(after.loc[both, ["x", "y"]] - before.loc[both, ["x", "y"]] - OFFSET[:2]).to_numpy(float).T)
+    way = np.hypot(*(after.loc[both, ["x", "y"]] - before.loc[both, ["x", "y"]] - list(OFFSET[:2])).to_numpy(float).T)
     parts = {
         states.NEW: after[~after.index.isin(built[0])],
         states.GONE: before[~before.index.isin(built[1])],
@@ -122,7 +122,7 @@ def main() -> None:
     options = arguments.parse_args()
     folder = options.folder.absolute()
     rows = []
-    for labels in ("true", "model"):
+    for labels in ("model", "true"):
         for seed in options.streets:
             made = {
                 n: (p, *results_of(folder, f"{seed}_{n}", p, given=labels == "true"))
@@ -130,9 +130,10 @@ def main() -> None:
             }
             truth = {name: objects_of(street, parameters) for name, (parameters, street, _) in made.items()}
             for later in ("later", "again"):
-                out = folder / f"{seed}_{later}_{labels}"
+                out = folder / f"{seed}_{later}_{labels}_changes"
                 mlsroad("compare", made["first"][2], made[later][2], "-o", out, "--overwrite", "--no-surfaces")
-                table = pd.read_csv(out / "changes.csv", keep_default_na=False, na_values=[""]).fillna({"changes": ""})
+                table = pd.read_csv(out / "changes.csv")
+                table["changes"] = table["changes"].astype(object).fillna("")
                 wrong = int(table["state"].isin(FALSE).sum())
                 counts = {"false between passes": (len(table), wrong, 0)}
                 if later == "later":

@@ -9,8 +9,9 @@ takes a table by a block, which this script fills. The first column is always sh
     <!-- results: ID columns=overall accuracy,mean F1 rows=pool,general -->
     <!-- /results -->
 
-In a sentence a figure is a link whose text is a cell of the table: `[0.86](results.md#ID)`. `--check` writes nothing
-and fails with the name of each stale page.
+In a sentence a figure is a link whose text is a cell of the table: `[0.86](results.md#ID)`. The page of results says of
+each table whether its data are simulated or recorded, as `data` has it, and of each row of a method whether it is
+printed, improved, a baseline or published. `--check` writes nothing and fails with the name of each stale page.
 """
 
 from __future__ import annotations
@@ -38,6 +39,27 @@ GROUPS = {
 }
 FIELDS = {"id", "title", "group", "text", "command", "data", "digest", "commit", "date", "seed", "columns", "rows"}
 FORMS = {"commit": r"[0-9a-f]{7,40}", "date": r"\d{4}-\d{2}-\d{2}", "digest": r"sha256:[0-9a-f]{8,64}"}
+ORIGINS = {
+    "simulated": re.compile(r"simulat|street", re.IGNORECASE),
+    "recorded": re.compile(
+        r"record|Oakland|KITTI|PandaSet|nuScenes|\bika\b|Sydney|Taiwan|Amsterdam|Toronto|Paris|Michigan|RELLIS|ISPRS"
+    ),
+}
+"""Words of `data` that say where the points come from."""
+VERSIONS = {
+    "†": re.compile(r"published|the paper"),
+    "=": re.compile(r"\w*printed|rule on both|normalized_cut_plain"),
+    "○": re.compile(
+        r"patch_svm|patch_forest|shape_based|max_margin_markov|hough_forest|object_matching|bottom_up_top_down|shot|"
+        r"hierarchy_descriptor|spin_image|pointnet|PointNet|yang_dong|two_step|hidden point removal"
+    ),
+    "+": re.compile(
+        r"jointnet|\w+_net\b|patch_graph|visual_words|detrended_forest|pool|rule with|F1 of labels alone|depth buffer|"
+        r"image_labels|normalized_cut|boosted_trees|superpoint_transformer|general\b"
+    ),
+}
+"""How the first cell of a row of a method begins: figures of the papers (†), methods as in the text of the paper alone
+(=), methods that the papers compare with (○), and methods with what this project adds or chooses (+)."""
 BLOCK = re.compile(
     r"<!-- results: (?P<id>\w+)(?: columns=(?P<columns>[^\n]+?))?(?: rows=(?P<rows>[^\n]+?))? -->\n"
     r".*?<!-- /results -->",
@@ -81,6 +103,8 @@ def _faults(table: Table, name: str) -> Iterator[str]:
     seeds = table["seed"] if isinstance(table["seed"], list) else [table["seed"]]
     if not (table["seed"] is None or (seeds and all(type(seed) is int for seed in seeds))):
         yield f"seed {table['seed']!r} is not null, a number or a list of numbers"
+    if table["group"] not in ("speed", "simulation") and not origin(table):
+        yield f"data {table['data']!r} does not say whether they are simulated or recorded"
     columns, rows = table["columns"], table["rows"]
     if not rows or len(set(columns)) != len(columns):
         yield "no rows, or two columns of one name"
@@ -105,6 +129,24 @@ def markdown_table(
     return "\n".join([head, f"|{'---|' * len(chosen)}", *lines])
 
 
+def origin(table: Table) -> str:
+    """Return where the points come from: simulated, recorded, simulated and recorded, or nothing."""
+    return " and ".join(name for name, words in ORIGINS.items() if words.search(table["data"]))
+
+
+def with_versions(table: Table) -> Table:
+    """Return the table with a column that says which version of a method each row has, where rows are methods."""
+    if table["group"] not in ("methods", "studies"):
+        return table
+    cells = [_plain(row[0]) for row in table["rows"]]
+    versions = [next((name for name, start in VERSIONS.items() if start.match(cell)), "") for cell in cells]
+    if not any(versions):
+        return table
+    columns = [table["columns"][0], "version", *table["columns"][1:]]
+    rows = [[row[0], version, *row[1:]] for row, version in zip(table["rows"], versions, strict=True)]
+    return table | {"columns": columns, "rows": rows}
+
+
 def _plain(cell: str) -> str:
     return cell.strip("`*")
 
@@ -114,7 +156,9 @@ def provenance(table: Table) -> str:
     parts = [f"`{table['command']}`", table["data"], f"commit `{table['commit'][:9]}`, {table['date']}"]
     if table["seed"] is not None:
         seeds = table["seed"] if isinstance(table["seed"], list) else [table["seed"]]
-        parts.append(f"seed{'s' if len(seeds) > 1 else ''} {', '.join(map(str, seeds))}")
+        row = len(seeds) > 2 and seeds == list(range(seeds[0], seeds[-1] + 1))
+        listed = f"{seeds[0]}–{seeds[-1]}" if row else ", ".join(map(str, seeds))
+        parts.append(f"seed{'s' if len(seeds) > 1 else ''} {listed}")
     if table["digest"] is not None:
         parts.append(f"`{table['digest'][:19]}`")
     return "; ".join(parts) + "."
@@ -129,6 +173,9 @@ def results_page(tables: dict[str, Table]) -> str:
         "command are those with which a table was recorded; the commit has scripts that were removed later. "
         "Recordings lie below `$MLSROAD_DATA`.",
         "",
+        "Versions of a method: = printed, by text and equations of its paper alone; + improved; ○ baseline of a paper; "
+        "† published, of the paper's own data. Simulated and recorded data are not comparable.",
+        "",
     ]
     groups = {group: [table for table in tables.values() if table["group"] == group] for group in GROUPS}
     for group, members in groups.items():
@@ -139,8 +186,12 @@ def results_page(tables: dict[str, Table]) -> str:
         if members:
             lines += ["", f"## {GROUPS[group]}"]
         for table in members:
-            lines += ["", f'<a id="{table["id"]}"></a>', "", f"### {table['title']}", "", table["text"], ""]
-            lines += [markdown_table(table, bar="|"), "", provenance(table)]
+            lines += ["", f'<a id="{table["id"]}"></a>', "", f"### {table['title']}", ""]
+            lines += [
+                " ".join([*([f"**{data.capitalize()}.**"] if (data := origin(table)) else []), table["text"]]),
+                "",
+            ]
+            lines += [markdown_table(with_versions(table), bar="|"), "", provenance(table)]
     return "\n".join(lines) + "\n"
 
 

@@ -35,6 +35,18 @@ def test_namespaces_collapse_the_default_to_its_stages_and_leave_datasets_alone(
     assert of_one == {"labelling", "labelling.patch_svm"}
 
 
+def test_a_node_has_one_name_in_all_pipelines():
+    configure_project("mlsroad_pipeline")
+    names: dict[tuple[str, ...], set[str]] = {}
+    for pipeline in pipelines.values():
+        for node in pipeline.nodes:
+            names.setdefault((node.short_name, *node.outputs), set()).add(node.name)
+    assert not {key: found for key, found in names.items() if len(found) > 1}
+    assert {node.name for node in pipelines["evaluation"].nodes} <= {
+        node.name for node in pipelines["all_methods"].nodes
+    }
+
+
 def test_every_method_has_a_pipeline_of_its_name():
     configure_project("mlsroad_pipeline")
     assert set(trained_methods()) | {"label", "__default__"} <= set(pipelines)

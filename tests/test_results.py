@@ -148,6 +148,33 @@ def test_page_has_anchor_table_and_provenance(tmp_path):
     assert "`make run`; a street; commit `abc1234`, 2026-11-20; seeds 1, 2; `sha256:0123456789ab`." in text
 
 
+@pytest.mark.parametrize(
+    ("data", "origin"),
+    [
+        ("a simulated town", "Simulated"),
+        ("Oakland 3-D, eleven blocks", "Recorded"),
+        ("six streets, one scan of SemanticKITTI 00", "Simulated and recorded"),
+    ],
+)
+def test_page_says_where_the_points_come_from(tmp_path, data, origin):
+    assert f"\n**{origin}.** One street.\n" in results_page.results_page(store(tmp_path, data=data))
+
+
+def test_page_says_which_version_of_a_method_a_row_has(tmp_path):
+    names = ["jointnet_printed", "`jointnet`", "shot", "published: VoxNet", "a setting"]
+    rows = [[name, "0.9", "0.8"] for name in names]
+    text = results_page.results_page(store(tmp_path, group="methods", rows=rows))
+    assert "|method|version|overall accuracy|mean F1|\n" in text
+    found = re.findall(r"^\|[^|]+\|([^|]*)\|0\.9\|", text, re.MULTILINE)
+    assert found == ["=", "+", "○", "†", ""]
+    assert "version" not in results_page.results_page(store(tmp_path, rows=rows)).partition("<a id")[2]
+
+
+def test_seeds_in_a_row_are_a_range(tmp_path):
+    assert "; seeds 51–54." in results_page.results_page(store(tmp_path, seed=[51, 52, 53, 54]))
+    assert "; seeds 1, 2, 4." in results_page.results_page(store(tmp_path, seed=[1, 2, 4]))
+
+
 def test_block_takes_rows_and_columns(tmp_path):
     page = REPOSITORY / "docs/methods/toy.md"
     text = "before\n<!-- results: toy columns=mean F1 rows=b -->\nold\n<!-- /results -->\nafter"
@@ -170,6 +197,7 @@ def test_unknown_names_in_a_block_are_errors(tmp_path, block):
         {"extra": 1},
         {"id": "other"},
         {"group": "none"},
+        {"data": "three towns"},
         {"text": ""},
         {"commit": "HEAD"},
         {"date": "27.11.2026"},

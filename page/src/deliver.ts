@@ -10,7 +10,9 @@ const FORMATS: [string, string, boolean][] = [
   [".geojson", "GeoJSON", false],
   [".fgb", "FlatGeobuf", false],
   [".shp", "Shapefile", false],
+  [".gml", "GML", false],
   [".dxf", "DXF", false],
+  [".xodr", "OpenDRIVE", false],
   [".laz", "points (LAZ)", false],
   [".html", "protocol of the check", true],
 ];

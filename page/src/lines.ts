@@ -1,12 +1,21 @@
 // What buttons, keys and clicks do with kerbs, wires and markings.
 
-import type { Actions } from "./actions";
 import { ask } from "./ask";
+import type { Cloud } from "./cloud";
 import { lineOrder } from "./listing";
-import { LINE_KINDS, type Place } from "./model";
+import { LINE_KINDS, type Model, type Place, type Tool } from "./model";
 import type { RoadLine, Wanted } from "./types";
 
 const REACH = 12; // of a click, pixels
+
+/** What lines need of the actions. */
+interface Host {
+  readonly model: Model;
+  readonly cloud: Cloud;
+  places: Place[];
+  tool(tool: Tool): void;
+  missed(text: string): void;
+}
 
 interface Hit {
   line: RoadLine;
@@ -19,7 +28,7 @@ export class Lines {
   /** Vertex of the chosen line that the next click moves. */
   vertex: number | null = null;
 
-  constructor(private readonly actions: Actions) {}
+  constructor(private readonly actions: Host) {}
 
   private get model() {
     return this.actions.model;

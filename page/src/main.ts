@@ -3,6 +3,7 @@
 import "./style.css";
 
 import { Actions } from "./actions";
+import { followAddress } from "./address";
 import { Cloud } from "./cloud";
 import { deliver } from "./deliver";
 import { count, el, short } from "./dom";
@@ -41,7 +42,7 @@ function firstTheme(): string {
 async function start(): Promise<void> {
   const app = document.getElementById("app")!;
   setTheme(firstTheme());
-  if (location.search) history.replaceState(null, "", "/"); // the token of the address is used up
+  if (location.search) history.replaceState(null, "", `/${location.hash}`); // the token of the address is used up
   const waiting = el("p", { class: "waiting" }, "Reading the survey");
   app.append(waiting);
   const source = embedded() ?? server;
@@ -117,6 +118,7 @@ async function start(): Promise<void> {
   performance.mark("first-picture");
   map.setPoints(...sampled(data, survey));
   await model.load();
+  followAddress(model, actions);
   if (!source.readOnly) await watch(model, cloud, map, progress);
 }
 

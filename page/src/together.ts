@@ -1,12 +1,19 @@
 // Decisions about all marked objects or lines together.
 
-import type { Actions } from "./actions";
 import { ask } from "./ask";
-import { KINDS, LINE_KINDS } from "./model";
+import type { Lines } from "./lines";
+import { KINDS, LINE_KINDS, type Model } from "./model";
 import type { Wanted } from "./types";
 
+/** What decisions about several need of the actions. */
+interface Host {
+  readonly model: Model;
+  readonly lines: Lines;
+  hint(text: string, holds: () => boolean): void;
+}
+
 export class Together {
-  constructor(private readonly actions: Actions) {}
+  constructor(private readonly actions: Host) {}
 
   /** Decide about all marked objects or lines together. */
   async decide(action: string, done: string, kind = "", name = ""): Promise<void> {

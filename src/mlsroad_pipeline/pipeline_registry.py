@@ -3,7 +3,7 @@
 from kedro.framework import project
 from kedro.pipeline import Pipeline
 
-from mlsroad_pipeline.pipelines.composition import comparison, create_pipeline, joined, pipeline_names
+from mlsroad_pipeline.pipelines.composition import comparison, create_pipeline, joined, named_pipeline, pipeline_names
 
 
 def register_pipelines() -> dict[str, Pipeline]:
@@ -14,8 +14,8 @@ def register_pipelines() -> dict[str, Pipeline]:
     named = project.pipelines._requested_pipelines  # Kedro's `find_pipelines` reads it too; it imports every pipeline
     if named is None or "__default__" in named:
         named = pipeline_names()
-    pipelines = {name: create_pipeline(name) for name in pipeline_names() if name in named}
+    pipelines = {name: named_pipeline(name) for name in pipeline_names() if name in named}
     if not set(comparison()) <= set(pipelines):
         return pipelines
     # Kedro-Viz draws a node in the namespace of the first pipeline that has it.
-    return {"__default__": joined({name: pipelines[name] for name in comparison()}), **pipelines}
+    return {"__default__": joined({name: create_pipeline(name) for name in comparison()}), **pipelines}

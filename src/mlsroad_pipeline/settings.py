@@ -13,6 +13,7 @@ from mlsroad_pipeline.config import ParameterConfigLoader
 from mlsroad_pipeline.hooks.default_pipeline import DefaultPipelineHooks
 from mlsroad_pipeline.hooks.label_run import LabelRunHooks
 from mlsroad_pipeline.hooks.mlflow_run import MlflowDetailsHooks
+from mlsroad_pipeline.hooks.origin import OriginHooks
 from mlsroad_pipeline.hooks.plain_logs import install, silence
 from mlsroad_pipeline.hooks.progress import ClosingLinesHooks, ProgressHooks
 from mlsroad_pipeline.hooks.stage_costs import StageCostsHooks
@@ -22,6 +23,7 @@ install()
 
 HOOKS = (
     MlflowDetailsHooks(),
+    OriginHooks(),
     DefaultPipelineHooks(),
     StageCostsHooks(),
     ProgressHooks(),

@@ -113,6 +113,16 @@ def test_the_register_is_never_replaced_by_its_states(run, folder, compared):
     assert (own / "register.csv").read_bytes() == before and [path.name for path in own.iterdir()] == ["register.csv"]
 
 
+def test_other_files_of_the_user_are_not_replaced_either(run, folder, compared):
+    assert compared.returncode == 0
+    own = folder / "kept"
+    own.mkdir()
+    (own / "register.csv").write_text("nr,sort\n1,pole\n")
+    done = run("compare", "register.csv", "street_mlsroad", *OPTIONS, "-o", "kept", "--overwrite", cwd=folder)
+    assert done.returncode == 1 and "kept/register.csv does not hold states of a register" in done.stderr
+    assert (own / "register.csv").read_text() == "nr,sort\n1,pole\n"
+
+
 def test_rejected_objects_confirm_no_entry(run, folder, compared):
     copied = shutil.copytree(folder / "street_mlsroad", folder / "rejected")
     table = pd.read_csv(folder / "street_mlsroad/register/register.csv")

@@ -79,6 +79,13 @@ def test_layers_raster_and_page_are_written(folder, compared):
     place = folder / "later_mlsroad/changes"
     table, layer = table_of(place), gpd.read_file(place / "changes.gpkg", layer="objects")
     assert layer["state"].tolist() == table["state"].tolist() and layer.crs is not None
+    lines, drawn = pd.read_csv(place / "changed_lines.csv"), gpd.read_file(place / "changes.gpkg", layer="lines")
+    assert (
+        drawn["state"].tolist() == lines["state"].tolist() and (drawn.geometry.length >= lines["length"] - 0.01).all()
+    )
+    one_sided = lines[lines["state"].isin(("new", "gone"))]  # the simulator changes no line
+    assert lines["length"].sum() > 50 and one_sided["length"].sum() <= 0.05 * lines["length"].sum()
+    assert "line [m]" in compared.stdout
     areas = gpd.read_file(place / "changes.gpkg", layer="surfaces")
     assert set(areas["surface"]) <= {"road", "kerb", "facade"} and (areas.geometry.area > 0).all()
     with Image.open(place / "surface_change.tif") as image:
@@ -107,6 +114,23 @@ def test_changes_are_not_replaced_unasked(run, folder, compared):
     assert again.returncode == 1 and "holds the changes of two surveys" in again.stderr
 
 
+@pytest.mark.parametrize("name", ["changes.csv", "changes.gpkg"])
+def test_files_of_the_user_are_not_replaced(run, folder, name):
+    place = folder / f"own_{name}"
+    place.mkdir()
+    (place / name).write_text("street,change\nA,new kerb\n")
+    done = run("compare", "first", "later_mlsroad", "--no-surfaces", "--overwrite", "-o", place.name, cwd=folder)
+    assert done.returncode == 1 and f"{place.name}/{name} does not hold changes of two surveys" in done.stderr
+    assert (place / name).read_text() == "street,change\nA,new kerb\n" and len(list(place.iterdir())) == 1
+
+
+def test_numbers_are_rounded_and_every_object_has_a_reason(folder, compared):
+    text = pd.read_csv(folder / "later_mlsroad/changes/changes.csv", dtype=str, keep_default_na=False)
+    numbers = text.drop(columns=["key", "changes", "reason"]).to_numpy().ravel()
+    assert max(len(value.partition(".")[2]) for value in numbers) <= 3
+    assert (text["reason"] != "").all()
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -114,11 +138,16 @@ def test_changes_are_not_replaced_unasked(run, folder, compared):
         (("first_mlsroad", "later_mlsroad", "--kind", "pole", "-o", "x"), "--kind is for a register"),
         (("register.csv", "later_mlsroad", "--align"), "--align is for two surveys"),
         (("empty", "later_mlsroad", "-o", "x"), "holds no finished results of label"),
+        (("new.laz", "later_mlsroad", "--no-surfaces"), "new.laz has no results of label: label it first"),
+        (("new.laz", "later_mlsroad"), "new.laz has no results of label: label it first"),
+        (("first", "later_mlsroad", "-o", "later"), "is a folder of the survey itself: name another folder"),
+        (("first", "later_mlsroad", "-o", "first_mlsroad"), "is a folder of the survey itself: name another folder"),
     ],
 )
 def test_errors_are_one_line(run, folder, arguments, message):
     (folder / "empty").mkdir(exist_ok=True)
     (folder / "register.csv").write_text("kind,x,y\npole,1,2\n")
+    shutil.copy(folder / "first/survey.laz", folder / "new.laz")
     done = run("compare", *arguments, cwd=folder)
     assert done.returncode == 1 and message in done.stderr and done.stderr.count("\n") == 1
 

@@ -77,6 +77,20 @@ def test_probabilities_of_another_network_are_the_labels(run, folder):
     assert scored.returncode == 0 and "precision" in scored.stdout
 
 
+def test_the_weight_of_predictions_is_fitted_on_classified_points(run, folder):
+    las, rng = laspy.read(folder / "classified.laz"), np.random.default_rng(1)
+    las.classification = np.where(rng.random(len(las.points)) < 0.3, las.classification, 1)  # the labelled part
+    las.write(folder / "part.laz")
+    shutil.copy(folder / "predictions/classified.npy", folder / "predictions/part.npy")
+    rows = [f"{k},{name},{name}" for k, name in enumerate(SCHEME.classes)]
+    (folder / "fit.csv").write_text("\n".join(["number,name,class", *rows]))
+    options = ("--labels", "predictions", "--labels-map", "fit.csv", "--class-map", "mlsroad", "--workers", 1)
+    done = run("label", "part.laz", "-o", "fit", *options, "--params", "label.given.weight=fit", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    fitted = " ".join(done.stdout.split()).partition("Weight of the predictions: ")[2]
+    assert float(fitted.split(",")[0]) > 0.5, done.stdout  # they are right
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

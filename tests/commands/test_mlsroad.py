@@ -300,7 +300,7 @@ def test_a_model_of_another_method_learns_with_trees_that_correct_it(labelled, f
     from mlsroad_pipeline.model_store.shipped_models import load_shipped
     from mlsroad_pipeline.review.corrections import Correction, open_corrections
     from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
-    from mlsroad_pipeline.review.corrections.learning import learn_from
+    from mlsroad_pipeline.review.corrections.learning import read_corrections, train_on
 
     assert labelled.returncode == 0
     shutil.copytree(folder / "one, two_mlsroad", tmp_path / "out")
@@ -314,8 +314,9 @@ def test_a_model_of_another_method_learns_with_trees_that_correct_it(labelled, f
         for part in np.split(painted, 10):
             payload = {"file": "one, two.laz", "points": part.tolist(), "class": "natural ground"}
             store.add(Correction("paint", payload=payload), who="ann")
-    model, n_answers = learn_from(network, [output], parent=parent)
-    again, _ = learn_from(model, [output], parent={"name": "corrected", "version": "1"})
+    model, n_answers = train_on(network, read_corrections(network, [output]), parent=parent, surveys=["out"])
+    more = read_corrections(model, [output])
+    again, _ = train_on(model, more, parent={"name": "corrected", "version": "1"}, surveys=["out"])
     assert (model.slug, n_answers, model.metadata["trained_on"]["corrections"]) == ("corrected", 10, 10)
     assert [entry["parent"]["name"] for entry in again.metadata["learned"]] == ["network", "corrected"]
     assert again.metadata["trained_on"]["corrections"] == 20
@@ -329,7 +330,7 @@ def test_added_objects_alone_train_the_object_classifier(labelled, folder, tmp_p
     from mlsroad_pipeline.model_store.shipped_models import load_shipped
     from mlsroad_pipeline.review.corrections import Correction, open_corrections
     from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
-    from mlsroad_pipeline.review.corrections.learning import learn_from
+    from mlsroad_pipeline.review.corrections.learning import read_corrections, train_on
 
     assert labelled.returncode == 0
     shutil.copytree(folder / "one, two_mlsroad", tmp_path / "out")
@@ -340,7 +341,8 @@ def test_added_objects_alone_train_the_object_classifier(labelled, folder, tmp_p
         store.add(Correction("add", kind="pole", payload={**place, "x": place["x"] + 500.0}), who="ann")
     general = load_shipped("general")
     parent = {"name": "general", "version": ""}
-    model, n_answers = learn_from(general, [LabelledOutput.at(tmp_path / "out")], parent=parent)
+    data = read_corrections(general, [LabelledOutput.at(tmp_path / "out")])
+    model, n_answers = train_on(general, data, parent=parent, surveys=["out"])
     assert n_answers == 1 and model.metadata["learned"][-1]["added_objects"] == 1
     assert len(model.arrays["leaf"]) == len(general.arrays["leaf"])  # no points, so the labels stay
     kind = str(best["kind"])

@@ -24,7 +24,7 @@ LENGTH, LEFT, RIGHT, KERB = 60, 4.0, -2.5, 0.12  # metres; y is positive on the 
 SLOPE, CROSSFALL = 0.03, 0.025
 SCHEME = ClassScheme.from_config("road_inventory", configured_scheme())
 CODES = dict(zip(SCHEME.classes, SCHEME.codes(SCHEME).tolist(), strict=True))
-BRANCH = 7  # number of the object above the road
+BRANCH, SIGN = 7, 3  # numbers of the object above the road and of a sign
 
 
 def surface(x, y):
@@ -61,7 +61,10 @@ def write_street(folder, *, trajectory=True):
     ends = np.array([0.0, LENGTH])
     kerbs = [np.column_stack([x, np.full(2, y), np.zeros(2)]) + ORIGIN for x, y in ((ends, LEFT), (ends[::-1], RIGHT))]
     lines = line_table([line_row("kerb", kerb, path) for kerb in kerbs])
-    inventory = RoadInventory(object_rows(), "EPSG:25833", path if trajectory else None, None, lines)
+    objects = object_rows()
+    values = [*(ORIGIN + [30, 1.2, surface(30, 1.2)]), 5.0, 270.0, "post"]
+    objects.loc[objects["object_id"] == SIGN, ["x", "y", "z", "panel_centre", "facing", "facing_from"]] = values
+    inventory = RoadInventory(objects, "EPSG:25833", path if trajectory else None, None, lines)
     write_geopackage(inventory, folder / "inventory.gpkg")
     schemes = {"road_inventory": configured_scheme()}
     run = {
@@ -168,6 +171,24 @@ def test_sections_of_earlier_measures_go(run, street):
     assert not (place / "street/corrections.sqlite").exists()
 
 
+def test_a_section_at_the_end_of_the_path_is_drawn(run, street):
+    done = run("road", "street", "--at", "60", "-o", "end", cwd=street[0])
+    assert done.returncode == 0, done.stderr
+    points = pd.read_csv(street[0] / "end/section_000060.00.csv")
+    assert len(points) > 300 and points["station"].min() >= LENGTH - 0.25
+
+
+def test_a_sign_behind_a_branch_is_seen_from_nearby_alone(street):
+    """The branch above x = 20 to 22 hides the sign at x = 30 from eyes before x = 10; its voxels reach further."""
+    place = street[0] / "street/road"
+    (sign,) = pd.read_csv(place / "road_signs.csv").to_dict("records")
+    assert sign["object_id"] == SIGN and sign["station"] == 30.0 and sign["offset"] == -1.2
+    assert sign["sight_end"] == "hidden" and sign["hidden_by"] == "tree" and 15 < sign["sight"] < 21
+    way = gpd.read_file(place / "road.gpkg", layer="sight").iloc[0]
+    assert way.geometry.length == pytest.approx(sign["sight"], abs=1.5) and way["hidden_by"] == "tree"
+    assert "Sight to signs" in (place / "road.html").read_text()
+
+
 def test_without_a_path_the_main_axis_or_a_named_path_serves(run, street):
     place = street[0]
     write_street(place / "without", trajectory=False)
@@ -188,6 +209,7 @@ def test_without_a_path_the_main_axis_or_a_named_path_serves(run, street):
         (("street", "-o", "x", "--at", "75"), 1, "--at 75: the path has stations from 0 to 60"),
         (("street", "-o", "x", "--path", "none.csv"), 1, "none.csv does not exist"),
         (("street", "-o", "x", "--path", "far.csv"), 1, "no paved ground within 1.5 m of the path"),
+        (("street", "-o", "x", "--path", "trees.csv"), 1, "trees.csv is not a path: 8 of 8 steps turn back"),
         (("street", "--at", "12,b"), 2, "'b' is not a station"),
         (("street", "--envelope", "4.5"), 2, "'4.5' must be width x height"),
         (("street", "--envelope", "0x3"), 2, "'0x3' must be width x height"),
@@ -197,6 +219,8 @@ def test_errors_name_the_value(run, street, arguments, code, message):
     place = street[0]
     far = pd.DataFrame([[0.0, 0, 0], [50, 0, 0]], columns=list("xyz"))
     far.to_csv(place / "far.csv", index=False)
+    trees = pd.DataFrame({"x": np.tile([5.0, 50.0], 5), "y": np.arange(10.0), "z": 0.0}) + ORIGIN
+    trees.to_csv(place / "trees.csv", index=False)
     done = run("road", *arguments, cwd=place)
     plain = " ".join(done.stderr.replace("│", " ").split())
     assert done.returncode == code and message in plain and not (place / "x").exists()

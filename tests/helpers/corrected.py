@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyogrio
 
 from mlsroad_pipeline.algorithms.inventory.objects.table import OBJECT_FIELDS
 from mlsroad_pipeline.inventory_files.geopackage import write_geopackage
@@ -21,6 +22,15 @@ def object_rows(places=PLACES, scores=(0.9, 0.6, 0.5, 0.95, 0.2)) -> pd.DataFram
         for i, ((kind, x, y), score) in enumerate(zip(places, scores, strict=False), start=1)
     ]  # fmt: skip
     return pd.DataFrame(rows)[list(OBJECT_FIELDS)].astype(OBJECT_FIELDS)
+
+
+def save_as_tables(source: Path, target: Path) -> None:
+    """Save a GeoPackage under another name with its layers as tables, as QGIS does, in place of views."""
+    for layer in pyogrio.list_layers(source)[:, 0]:
+        frame = pyogrio.read_dataframe(source, layer=layer)
+        if "geometry" in frame:
+            kind = pyogrio.read_info(source, layer=layer)["geometry_type"]
+            pyogrio.write_dataframe(frame, target, layer=layer, driver="GPKG", geometry_type=kind)
 
 
 def write_inventory(folder: Path, table: pd.DataFrame) -> None:

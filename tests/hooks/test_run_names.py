@@ -56,3 +56,10 @@ def test_a_runner_has_the_name_of_its_class():
 def test_the_command_is_one_that_can_be_typed():
     assert typed_command("kedro run --pipeline=label", None) == "kedro run --pipelines=label"
     assert typed_command("kedro run --pipeline=__default__", "oakland") == "kedro run --env=oakland"
+
+
+@pytest.mark.parametrize("program", ["/venv/bin/kedro", "/lib/kedro/__main__.py"])
+def test_a_command_is_recorded_as_typed(program):
+    argv = [program, "run", "--config=own settings.yml", "--params=a.b=1"]
+    assert typed_command("kedro run", None, argv) == "kedro run '--config=own settings.yml' --params=a.b=1"
+    assert typed_command("kedro run", None, ["/venv/bin/pytest", "-q"]) == "kedro run"

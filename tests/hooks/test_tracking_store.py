@@ -1,13 +1,19 @@
 """An unusable database of runs gives an error that names it and a remedy."""
 
+import os
 import socket
 import sqlite3
+import subprocess
+import sys
 import threading
 import time
 from contextlib import closing
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
+import mlflow
 import pytest
+from helpers.wiring import REPOSITORY, empty_store
+from mlflow.entities import ViewType
 
 from mlsroad_pipeline.hooks import mlflow_run as tracking_store
 from mlsroad_pipeline.hooks.mlflow_run import TrackingStoreError, check_tracking_store
@@ -25,6 +31,26 @@ def test_a_store_that_works_is_left_as_it_is(store):
     before = store.read_bytes()
     check_tracking_store(f"sqlite:///{store}")
     assert store.read_bytes() == before
+
+
+def test_deleted_runs_are_removed_for_good_by_the_documented_command(tmp_path, monkeypatch):
+    (tmp_path / "mlflow.db").write_bytes(empty_store())
+    page = (REPOSITORY / "docs/mlflow.md").read_text(encoding="utf-8")
+    address, *command = next(line for line in page.splitlines() if " mlflow gc " in line).split()
+    assert command[-2:] == ["--older-than", "30d"]
+    monkeypatch.chdir(tmp_path)
+    client = mlflow.MlflowClient("sqlite:///mlflow.db")
+    experiment = client.create_experiment("mlsroad", artifact_location=(tmp_path / "mlartifacts").as_uri())
+    kept, gone = (client.create_run(experiment).info.run_id for _ in range(2))
+    for run in (kept, gone):
+        client.log_text(run, "text", "report.html")
+    client.delete_run(gone)
+    program = [sys.executable, "-m", *command[:-2]]
+    environment = {**os.environ, **dict([address.split("=", 1)])}
+    subprocess.run(program, env=environment, check=True, capture_output=True)
+    assert [run.info.run_id for run in client.search_runs([experiment], run_view_type=ViewType.ALL)] == [kept]
+    files = [path for path in (tmp_path / "mlartifacts").rglob("*") if path.is_file()]
+    assert [path.relative_to(tmp_path / "mlartifacts").parts[0] for path in files] == [kept]
 
 
 @pytest.mark.parametrize("uri", ["", "databricks", "sqlite:///:memory:"])

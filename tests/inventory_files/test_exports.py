@@ -97,7 +97,12 @@ def test_lines_are_the_same_in_every_format(inventory, folder):
     assert vertices.shape == (len(LINE_KINDS), 2, 3) and vertices[0, 1].tolist() == [391_004.25, 5_820_004.5, 34.5]
     pd.testing.assert_frame_equal(pd.read_csv(folder / "lines.csv"), table)
     columns = [name for name in LINE_FIELDS if name != "line"]
-    for path in (folder / "lines.fgb", folder / "lines.geojson", folder / "inventory_shp" / "lines.shp"):
+    for path in (
+        folder / "lines.fgb",
+        folder / "lines.geojson",
+        folder / "inventory_lines.gml",
+        folder / "inventory_shp" / "lines.shp",
+    ):
         found = gpd.read_file(path).sort_values("line_id")
         found = found.rename(columns={short_name(name): name for name in columns}).to_crs(UTM)
         pd.testing.assert_frame_equal(
@@ -116,6 +121,20 @@ def test_flatgeobuf(inventory, folder):
     assert found.crs.to_epsg() == 25833
     check_attributes(found, inventory.objects)
     np.testing.assert_array_equal(points(found), inventory.objects[["x", "y", "z"]])
+
+
+def test_gml(inventory, folder):
+    found = gpd.read_file(folder / "inventory.gml")
+    assert found.crs.to_epsg() == 25833 and len(found) == len(inventory.objects)
+    check_attributes(found, inventory.objects)
+    np.testing.assert_array_equal(points(found), inventory.objects[["x", "y", "z"]])
+    assert 'schemaLocation="http://ogr.maptools.org/ inventory.xsd"' in (folder / "inventory.gml").read_text("utf-8")
+
+
+def test_a_system_without_a_code_is_missing_in_gml_and_said_so(inventory, tmp_path, caplog):
+    own = "+proj=tmerc +lon_0=13.1 +x_0=7000 +ellps=bessel +units=m"
+    vector_files.write_gml(RoadInventory(inventory.objects, own), tmp_path / "x.gml")
+    assert gpd.read_file(tmp_path / "x.gml").crs is None and "x.gml has no reference system" in caplog.text
 
 
 def test_shapefile(inventory, folder, tmp_path, caplog):
@@ -201,11 +220,11 @@ def test_ogrinfo_counts_the_objects(folder, name):
 
 # Of an empty Shapefile with heights GDAL cannot tell that it has no measures along lines.
 @pytest.mark.filterwarnings("ignore:Measured .M. geometry types:UserWarning")
-@pytest.mark.parametrize("name", ["csv", "flatgeobuf", "shapefile", "dxf"])
+@pytest.mark.parametrize("name", ["csv", "flatgeobuf", "shapefile", "gml", "dxf"])
 def test_without_system_objects_and_path(name, tmp_path):
     written = EXPORTS[name].write(RoadInventory(empty_table(OBJECT_FIELDS)), tmp_path)
     assert sorted(written) == sorted(tmp_path / file for file in EXPORTS[name].files)
-    if name in ("flatgeobuf", "shapefile"):
+    if name in ("flatgeobuf", "shapefile", "gml"):
         found = gpd.read_file(written[0])
         assert len(found) == 0 and {short_name(field) if name == "shapefile" else field for field in WRITTEN} <= {
             *found

@@ -155,7 +155,9 @@ def test_the_data_base_is_sound(inventory, tmp_path):
     assert query(path, "PRAGMA foreign_key_check") == []
     assert query(path, "PRAGMA application_id") == [(0x47504B47,)]  # "GPKG"
     assert query(path, "PRAGMA user_version") == [(10200,)]
-    for layer in layers(path):
+    views = {name for (name,) in query(path, "SELECT name FROM sqlite_master WHERE type = 'view'")}
+    assert views == {"poles", "signs", "trees", "vehicles"}  # they have the index of `objects`
+    for layer in {*layers(path)} - views:
         (count,) = query(path, f"SELECT COUNT(*) FROM {layer}")[0]
         assert query(path, f"SELECT COUNT(*) FROM rtree_{layer}_geom") == [(count,)]
     contents = {name for (name,) in query(path, "SELECT table_name FROM gpkg_contents")}
@@ -287,7 +289,7 @@ def test_a_part_that_the_disk_has_lost_is_an_error(tmp_path, monkeypatch):
         whole(path, *arguments, **options)
         with sqlite3.connect(path) as database:
             (trigger,) = database.execute(
-                "SELECT name FROM sqlite_master WHERE type = 'trigger' AND name LIKE 'rtree_poles_%'"
+                "SELECT name FROM sqlite_master WHERE type = 'trigger' AND name LIKE 'rtree_objects_%'"
             ).fetchone()
             database.execute(f"DROP TRIGGER {trigger}")
         database.close()

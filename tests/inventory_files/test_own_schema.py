@@ -22,7 +22,7 @@ def schema(tmp_path, text):
 
 
 def test_the_examples_of_the_manual_give_their_layers(tmp_path):
-    roads, city = (schema(tmp_path, text) for text in EXAMPLES)
+    roads, city, drive = (schema(tmp_path, text) for text in EXAMPLES)
     [path] = write_own_schema(planted_inventory(), roads, tmp_path / "a.gpkg")
     masts = geopandas.read_file(path, layer="Mast")
     assert masts.drop(columns="geometry").to_dict("records") == [
@@ -33,6 +33,10 @@ def test_the_examples_of_the_manual_give_their_layers(tmp_path):
     names = [path.name for path in write_own_schema(planted_inventory(), city, tmp_path / "b.csv")]
     assert names == ["b_SolitaryVegetationObject.csv", "b_CityFurniture.csv"]
     assert pyogrio.read_dataframe(tmp_path / names[1])["class"].astype(int).tolist() == [1010, 1000, 1000]
+    names = [path.name for path in write_own_schema(planted_inventory(), drive, tmp_path / "c.gml")]
+    assert names == ["c_object.gml", "c_object.xsd", "c_signal.gml", "c_signal.xsd"]
+    [pole] = pyogrio.read_dataframe(tmp_path / "c_object.gml").drop(columns=["gml_id", "geometry"]).to_dict("records")
+    assert pole == {"id": 1, "type": "pole", "s": 12.5, "t": 3.25, "height": 2.5}
 
 
 @pytest.mark.parametrize("suffix", DRIVERS)
@@ -59,6 +63,14 @@ def test_every_format_has_the_rows_and_shapes_of_the_kind(tmp_path, suffix):
         ("layers: {A: {kind: pole, fields: {a: x, A: y}}}", "field 'a': this name is taken"),
         ("layers: {A: {kind: pole, fields: {Geometry: x}}}", "field 'geometry': this name is taken"),
         ("layers: {A: {kind: pole, fields: {a: {form: class}}}}", "field 'a': has form: use value, or from and codes"),
+        (
+            "layers: {A: {kind: pole, fields: {a: {from: x, factor: m}}}}",
+            "factor is a number, beside from alone, got 'm'",
+        ),
+        (
+            "layers: {A: {kind: pole, fields: {a: {from: note, factor: 2}}}}",
+            "field 'a': note is text, which has no factor",
+        ),
         ("layers: {A: {kind: pole, fields: {a_long_name: x}}}", "'a_long_name' has more than 10 characters"),
     ],
 )

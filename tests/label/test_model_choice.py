@@ -122,13 +122,13 @@ def test_version_without_a_store_says_so():
 
 def test_models_are_listed_with_their_origin():
     found = available_models(STORE)
-    assert [(m.name, m.version, m.shipped) for m in found[2:]] == [
-        ("mlsroad-detrended_forest", "1", False),
-        ("mlsroad-detrended_forest", "2", False),
-        ("mlsroad-patch_graph", "1", False),
+    assert [m.name for m in found[2:]] == [
+        "mlsroad-detrended_forest version 1",
+        "mlsroad-detrended_forest version 2",
+        "mlsroad-patch_graph version 1",
     ]
     assert [m.name for m in found[:2]] == ["general", "pool"]
-    assert all(m.entry.scores for m in found[:2])
+    assert all(m.scores for m in found[:2])
 
 
 @dataclass(frozen=True)

@@ -33,9 +33,10 @@ def table(project, name):
 def test_tables_hold_every_method_and_setting(project):
     three = table(project, "table_3")
     assert list(dict.fromkeys(three["method"])) == list(METHODS)
-    dash = three[(three["method"] == "shape_based") & three["class"].isin(["road", "grass", "mean of seven"])]
-    assert len(dash) == 9 and dash["mean"].isna().all()
-    road = three[(three["class"] == "road") & (three["metric"] == "f1") & (three["method"] != "shape_based")]
+    by_shape = three["method"].isin(["shape_based", "shape_based_printed"])
+    dash = three[by_shape & three["class"].isin(["road", "grass", "mean of seven"])]
+    assert len(dash) == 18 and dash["mean"].isna().all()
+    road = three[(three["class"] == "road") & (three["metric"] == "f1") & ~by_shape]
     assert (road["mean"] > 0.5).all() and (road["repetitions"] == 2).all()
     assert table(project, "patch_size")["value"].tolist() == [0.2, 0.4]
     assert table(project, "search_radius")["value"].tolist() == [0.5, 1.0]
@@ -62,8 +63,12 @@ def test_report_and_tracked_run_hold_the_figures(project):
     runs, client = tracked_runs(project), mlflow.MlflowClient(f"sqlite:///{project / 'mlflow.db'}")
     steps = client.get_metric_history(runs["luo2016_study"].info.run_id, "by_size/patch_size_objective")
     scores = table(project, "scores").set_index(["method", "split", "class", "metric"])["value"]
-    found = runs["patch_graph_mrf"].data.metrics["test_11/f1/grass"]
-    assert found == pytest.approx(scores["patch_graph_mrf", "test_11", "grass", "f1"])
+    found = client.search_runs(
+        [runs["luo2016_study"].info.experiment_id],
+        "tags.`mlsroad.method` = 'patch_graph_mrf' and tags.`mlsroad.data` = 'test_11'",
+    )
+    assert [run.info.run_name for run in found] == ["patch_graph_mrf on test_11"] and len(found[0].data.params) <= 60
+    assert found[0].data.metrics["f1/grass"] == pytest.approx(scores["patch_graph_mrf", "test_11", "grass", "f1"])
     assert [step.step for step in steps] == [200, 400]
 
 

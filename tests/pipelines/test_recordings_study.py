@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from helpers.conf import base
-from helpers.wiring import make_project, run, stage_counts, tracked_runs
+from helpers.wiring import make_project, run, stage_counts
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.simulation import simulate_survey
@@ -96,10 +96,21 @@ def test_outputs_and_tracked_run_hold_the_same_figures(project, table):
     text = (folder / "benchmark.md").read_text(encoding="utf-8")
     assert text.count("| patch_forest | others |") == 3  # the overview and both recordings
     assert "Scans" in (folder / "report.html").read_text(encoding="utf-8")
-    runs, client = tracked_runs(project), mlflow.MlflowClient(f"sqlite:///{project / 'mlflow.db'}")
-    first = table[(table["source"] == "scans") & (table["protocol"] == "own")].iloc[0]
-    found = client.get_run(runs["patch_forest"].info.run_id).data.metrics
-    assert found["scans_own_test/mean_iou"] == pytest.approx(first["mean_iou"])
+    client = mlflow.MlflowClient(f"sqlite:///{project / 'mlflow.db'}")
+    experiment = client.get_experiment_by_name("mlsroad").experiment_id
+    found = client.search_runs([experiment], "tags.mlsroad.method = 'patch_forest'")
+    assert len(found) == table.groupby(["source", "protocol"]).ngroups == len({run.info.run_name for run in found})
+    for run_of in found:
+        tags, metrics, params = run_of.data.tags, run_of.data.metrics, run_of.data.params
+        assert run_of.info.run_name == f"patch_forest, {tags['mlsroad.protocol']} on {tags['mlsroad.data']}"
+        chosen = table["source"].eq(tags["mlsroad.data"]) & table["protocol"].eq(tags["mlsroad.protocol"])
+        rows = table[chosen].set_index("part")
+        assert metrics["mean_iou"] == pytest.approx(rows["mean_iou"].iloc[0])  # all points, or those of the test part
+        assert metrics["iou/building"] == pytest.approx(rows["iou_building"].iloc[0])
+        assert ("test/mean_iou" in metrics) == (len(rows) == 2)
+        assert params["data"] == tags["mlsroad.data"] and params["protocol"] == tags["mlsroad.protocol"]
+        assert len(params) <= 60 and "patch_forest.n_trees" in params
+        assert [data.dataset.name for data in run_of.inputs.dataset_inputs] == [tags["mlsroad.data"]]
 
 
 def test_one_run_alone_computes_nothing_else_and_keeps_the_rest(project, table, caplog):

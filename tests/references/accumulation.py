@@ -20,7 +20,7 @@ def normalised(points, isotropic=False, window=None):
     return unit + [0, 0, 1]
 
 
-def images(points, sizes, isotropic=False, window=None, relative=True, bilinear=False, printed_rows=False):
+def images(points, sizes, isotropic=False, window=None, relative=True, bilinear=False, printed=False):
     """Return HSSI, VQAI and VAAI of the whole and of the slices as lists of arrays."""
     unit = normalised(points, isotropic, window)
     parts = [(unit, np.ones(len(unit), bool))]
@@ -41,12 +41,14 @@ def images(points, sizes, isotropic=False, window=None, relative=True, bilinear=
                     return np.maximum(0, 1 - np.abs(np.arange(size) + 0.5 - place))
                 return np.arange(size) == min(np.floor(place), size - 1)
 
-            row = (z + 2) / 2 if printed_rows else z  # equation 4 as printed: floor((beta + 2) / (2 k1)), beta = z
+            row = (z + 2) / 2 if printed else z  # equation 4 as printed: floor((beta + 2) / (2 k1)), beta = z
             drawn[0] += np.outer(shares(row, sizes[0]), shares(np.hypot(x, y), sizes[0]))
             drawn[1] += np.outer(shares(x + 1, sizes[1]), shares(y + 1, sizes[1]))
             to_point = np.array([x, y, z + 1])
             cosine = to_point[2] / np.linalg.norm(to_point)
-            drawn[2] += cosine * np.outer(shares(x + 1, sizes[2]), shares(y + 1, sizes[2]))
+            cosine /= np.linalg.norm(to_point) if printed else 1  # equation 7 as printed has no square root
+            stretch = sizes[2] if printed else 1  # equation 8 as printed: cells of 2 / N, N = R^2
+            drawn[2] += cosine * np.outer(shares(stretch * (x + 1), sizes[2]), shares(stretch * (y + 1), sizes[2]))
         for kind, image in zip(found, drawn, strict=True):
             kind.append(image / len(unit) if relative else image)
     return [np.stack(kind) for kind in found]

@@ -5,13 +5,12 @@ from itertools import product
 import numpy as np
 
 
-def energy_of(labels, unary, edges, weights, label_costs=None, agreement=None, cliques=()):
+def energy_of(labels, unary, edges, weights, agreement=None, cliques=()):
     """Sum the terms one by one; cliques are tuples of (members, member weights, truncation, label costs, maximum)."""
     n_labels = np.shape(unary)[1]
-    costs = 1 - np.eye(n_labels) if label_costs is None else np.asarray(label_costs)
     total = sum(unary[i][label] for i, label in enumerate(labels))
     for e, (i, j) in enumerate(edges):
-        total += weights[e] * costs[labels[i], labels[j]]
+        total += weights[e] * (labels[i] != labels[j])
         if agreement is not None and labels[i] == labels[j]:
             total -= agreement[e][labels[i]]
     for members, shares, truncation, uniform, ceiling in cliques:

@@ -22,35 +22,13 @@ from mlsroad_pipeline.algorithms.supervoxels.vccs import Supervoxels, segment_su
 
 
 def inliers(scene: PointCloud) -> NDArray[np.bool_]:
-    """Return which points of a scene are not outliers.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene; its column `outlier`, if there is one, marks outliers.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        True for inliers; all True without the column.
-    """
+    """Return which points of a scene are not outliers, which its column `outlier` marks."""
     outlier = scene.get("outlier")
     return np.ones(len(scene), dtype=np.bool_) if outlier is None else ~outlier.astype(np.bool_)
 
 
 def inlier_rows(scene: PointCloud) -> NDArray[np.bool_] | slice:
-    """Return an index of the points that are not outliers.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,), or slice
-        The mask of `inliers`, or a slice of all points where there is no outlier: it selects views, not copies.
-    """
+    """Return the mask of `inliers`, or a slice of all points if there is no outlier: it selects views, not copies."""
     keep = inliers(scene)
     return slice(None) if keep.all() else keep
 
@@ -87,25 +65,7 @@ def find_ground(scene: PointCloud, parameters: GroundParameters) -> Ground:
 
 
 def ground_of(scene: PointCloud, parameters: GroundParameters) -> Ground:
-    """Return the ground from the columns of a scene, or compute it where they are missing.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene; with the columns `ground` and `height`, these are returned.
-    parameters : GroundParameters
-        Parameters of the filter, for a scene without these columns.
-
-    Returns
-    -------
-    Ground
-        Ground points and heights.
-
-    Raises
-    ------
-    DataError
-        If the ground is computed and a coordinate is NaN or infinite.
-    """
+    """Return the ground from the columns `ground` and `height` of a scene, or compute it where they are missing."""
     if "ground" in scene and "height" in scene:
         return {"ground": scene["ground"], "height": scene["height"]}
     return find_ground(scene, parameters)
@@ -179,31 +139,7 @@ def describe_supervoxels(
 def supervoxels_with_features(
     scene: PointCloud, ground: Ground, sizes: SupervoxelParameters, selection: FeatureParameters
 ) -> tuple[SupervoxelPartition, SupervoxelTable]:
-    """Run `build_supervoxels` and `describe_supervoxels`, which share the voxels if they have the same size.
-
-    Parameters
-    ----------
-    scene : PointCloud
-        The scene.
-    ground : Ground
-        Its ground.
-    sizes : SupervoxelParameters
-        Parameters of VCCS.
-    selection : FeatureParameters
-        Selection and radii of the features.
-
-    Returns
-    -------
-    supervoxels : SupervoxelPartition
-        The supervoxels.
-    features : SupervoxelTable
-        Their features.
-
-    Raises
-    ------
-    DataError
-        If a coordinate is NaN or infinite, or the ground belongs to another scene.
-    """
+    """Run `build_supervoxels` and `describe_supervoxels`, which share the voxels if they have the same size."""
     supervoxels, segmented = _partition(scene, sizes)
     voxels = segmented.grid.centroids if selection.ball_voxel_size == segmented.grid.voxel_size else None
     return supervoxels, _described(scene, ground, supervoxels, selection, voxels)

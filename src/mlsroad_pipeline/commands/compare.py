@@ -73,18 +73,22 @@ def compare(  # typer reads the options from the signature
             options = SurveyOptions(align, surfaces, overwrite, verbose)
             compare_two_surveys(earlier, folder, target, options)
             return
+        check_exist([places[0], folder])
+        from mlsroad_pipeline.surveys.register_files import RegisterFile, is_point_cloud
+
+        if is_point_cloud(places[0]):
+            raise ParameterError(f"{places[0]} has no results of label: label it first (mlsroad label {places[0]})")
         if align or not surfaces:
             raise ParameterError(
                 f"{'--align' if align else '--no-surfaces'} is for two surveys, and {places[0]} is a register: leave "
                 "it out"
             )
-        check_exist([places[0], folder])
         target = Path(folder) / "register" if output is None else Path(expanded([output])[0])
         configure(find_place())
         from mlsroad_pipeline.label.register import LAYER, PAGE, TABLE, compare_register, write_compared
+        from mlsroad_pipeline.label.result_files import check_target
         from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
         from mlsroad_pipeline.review.delivery.files import Delivery
-        from mlsroad_pipeline.surveys.register_files import RegisterFile
 
         if os.path.realpath(places[0]) in {os.path.realpath(target / name) for name in (TABLE, LAYER, PAGE)}:
             raise ParameterError(f"{places[0]} is the register to compare: name another folder with --output")
@@ -93,9 +97,11 @@ def compare(  # typer reads the options from the signature
                 f"{target} holds the states of a register: name another folder with --output, or replace them with "
                 "--overwrite"
             )
+        labelled = LabelledOutput.at(folder)
+        check_target(target, (TABLE, LAYER, PAGE), ("state", "object_id"), "states of a register", [labelled])
         named = RegisterFile(Path(places[0]), _pairs(column, "--column"), _pairs(value, "--value"), kind, layer, crs)
         with collected_warnings(verbose=verbose) as logged:
-            compared = compare_register(named, LabelledOutput.at(folder), Delivery(Path(folder)).corrected)
+            compared = compare_register(named, labelled, Delivery(Path(folder)).corrected)
             written = write_compared(compared, target, register=Path(places[0]), warnings=list(logged))
         print_compared(output_console(), compared)
         print_warnings(output_console(), logged)

@@ -38,6 +38,7 @@ def compare_two_surveys(earlier: str, later: str, target: Path, options: SurveyO
     from mlsroad_pipeline.label.change_report import FILES, write_changes
     from mlsroad_pipeline.label.compared_surveys import compare_surveys
     from mlsroad_pipeline.label.labelled_clouds import Recorded
+    from mlsroad_pipeline.label.result_files import check_target
     from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
     from mlsroad_pipeline.review.delivery.files import Delivery
 
@@ -47,6 +48,7 @@ def compare_two_surveys(earlier: str, later: str, target: Path, options: SurveyO
             "--overwrite"
         )
     outputs = [LabelledOutput.at(folder) for folder in (earlier, later)]
+    check_target(target, FILES, ("key", "state", "second_id"), "changes of two surveys", outputs)
     if options.surfaces:
         py4dgeo()
     with collected_warnings(verbose=options.verbose) as logged:
@@ -61,14 +63,20 @@ def compare_two_surveys(earlier: str, later: str, target: Path, options: SurveyO
 
 def print_changes(console: Any, compared: "ComparedSurveys") -> None:
     """Print the number of objects by kind and state, the offset, and the surfaces."""
+    from mlsroad_pipeline.algorithms.inventory.changes.lines import STATES as LINE_STATES
     from mlsroad_pipeline.algorithms.inventory.changes.objects import STATES
     from mlsroad_pipeline.label.change_report import offset_text, surface_table
+    from mlsroad_pipeline.label.compared_lines import length_table
 
     rows = [
         (str(kind), *(f"{(part['state'] == state).sum():,}" for state in STATES))
         for kind, part in compared.objects.groupby("kind", sort=True)
     ]
     console.print(count_table(rows, ("kind", *STATES)))
+    lengths = length_table(compared.lines.table).set_index("kind")
+    if len(lengths):
+        rows = [(str(kind), *(f"{row.get(s, 0.0):,.1f}" for s in LINE_STATES)) for kind, row in lengths.iterrows()]
+        console.print(count_table(rows, ("line [m]", *LINE_STATES)))
     console.print(f"\nOffset of the later survey: {offset_text(compared)}.", markup=False)
     if compared.surfaces is not None:
         table = surface_table(compared.surfaces)

@@ -76,14 +76,14 @@ def import_corrections(
         str | None, typer.Option(metavar="NAME", help="Labelled file that FILE is a copy of. Default: of its name.")
     ] = None,
     many_deleted: Annotated[
-        bool, typer.Option("--many-deleted", help="Reject missing objects even if more than half are missing.")
+        bool, typer.Option("--many-deleted", help="Reject missing objects or lines even if more than half are missing.")
     ] = False,
     verbose: Verbose = False,
 ) -> None:
     """Import corrections from an inventory or a labelled file that was edited in another program."""
     from mlsroad_pipeline.review.corrections import open_corrections
     from mlsroad_pipeline.review.corrections.edited_inventory import corrections_of_inventory, known_names, system_of
-    from mlsroad_pipeline.review.corrections.line_decisions import edited_lines
+    from mlsroad_pipeline.review.corrections.edited_lines import corrections_of_lines
 
     with one_line_errors(verbose=verbose):
         path, folder = Path(expanded([edited])[0]), Path(results_folder(expanded([out])[0]))
@@ -100,8 +100,12 @@ def import_corrections(
                     many_deleted=many_deleted,
                     notes_before=states.notes,
                 )
-                found, matched = _new_ones(found, store), ""
-                unread += edited_lines(path, folder) if (folder / "inventory.gpkg").is_file() else []
+                system = system_of(folder)
+                of_lines, further = corrections_of_lines(
+                    path, folder, states.lines, system=system, many_deleted=many_deleted
+                )
+                found, matched = [*_new_ones(found, store), *of_lines], ""
+                unread = list(dict.fromkeys([*unread, *further]))
             elif path.suffix.lower() in (".laz", ".las"):
                 found, matched = _edited_points(path, folder, file, store)
                 unread = []

@@ -25,8 +25,8 @@ def export(
             "--output",
             "-o",
             metavar="FILE...",
-            help="Files to write: .gpkg, .parquet, .csv, .geojson, .fgb, .shp, .dxf; .laz, or a folder for the points "
-            "of several files; .html for the protocol of the check. Default: OUT/corrected.gpkg.",
+            help="Files to write: .gpkg, .parquet, .csv, .geojson, .fgb, .shp, .gml, .dxf, .xodr; .laz, or a folder "
+            "for the points of several files; .html for the protocol of the check. Default: OUT/corrected.gpkg.",
         ),
     ] = None,
     checked: Annotated[bool, typer.Option("--checked", help="Leave out what nobody looked at.")] = False,

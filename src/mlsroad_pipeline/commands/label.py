@@ -55,7 +55,7 @@ Export = Annotated[
     typer.Option(
         "--export",
         metavar="FORMAT",
-        help="Also write the inventory as csv, geojson, flatgeobuf, shapefile or dxf; may be repeated, or a list "
+        help="Also write the inventory as csv, geojson, flatgeobuf, shapefile, gml or dxf; may be repeated, or a list "
         "separated by commas.",
     ),
 ]

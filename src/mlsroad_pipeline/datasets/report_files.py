@@ -54,9 +54,10 @@ class ReportFileDataset(AbstractDataset[Saved, Loaded], Generic[Saved, Loaded]):
             raise DatasetError(f"{self._filepath} does not exist") from error
         return content
 
-    def write_bytes(self, content: bytes) -> None:
-        """Replace the file atomically, locally by a rename, elsewhere by a single put; remove parts of killed runs."""
-        filesystem, path = fsspec.core.url_to_fs(self._filepath, **self._options)
+    def write_bytes(self, content: bytes, *, suffix: str = "") -> None:
+        """Replace the file, or that of another suffix beside it, atomically: by a rename, elsewhere by a single put."""
+        place = self._filepath.rpartition(".")[0] + suffix if suffix else self._filepath
+        filesystem, path = fsspec.core.url_to_fs(place, **self._options)
         if not isinstance(filesystem, LocalFileSystem):
             filesystem.pipe_file(path, content)
             return
@@ -111,6 +112,10 @@ class ScoresDataset(_TableDataset):
 
     def _check(self, frame: pd.DataFrame) -> pd.DataFrame:
         return check_scores(frame, source=self._filepath)
+
+    def save_origin(self, text: str) -> None:
+        """Write how the table was made, JSON, beside it."""
+        self.write_bytes(text.encode("utf-8"), suffix=".json")
 
 
 class MetricSeriesDataset(_TableDataset):
@@ -171,6 +176,11 @@ class HtmlReportDataset(ReportFileDataset[str, str]):
     def __init__(self, *, run: str | None = None, **options: Any) -> None:
         super().__init__(**options)
         self._run = None if run is None else RunFolder(run)
+
+    @property
+    def of_label(self) -> bool:
+        """Whether the page is published with the results of a run of `label`, whose record has its origin."""
+        return self._run is not None
 
     def load(self) -> str:
         """Return the page."""

@@ -95,18 +95,7 @@ class SceneStoreDataset(AbstractDataset[Mapping[str, SceneTask], SceneCollection
         self.metadata = metadata
 
     def load(self) -> SceneCollection:
-        """Return handles of all scenes.
-
-        Returns
-        -------
-        SceneCollection
-            Scene to handle.
-
-        Raises
-        ------
-        DatasetError
-            If the store is not complete.
-        """
+        """Return handles of all scenes."""
         records = self._store.read_manifest()
         if records is None:
             raise DatasetError(f"{self._store.url} is not a complete scene store: run the stage that fills it")
@@ -115,17 +104,7 @@ class SceneStoreDataset(AbstractDataset[Mapping[str, SceneTask], SceneCollection
     def save(self, data: Mapping[str, SceneTask]) -> None:
         """Run the tasks without a valid stored result, and write the manifest of all scenes.
 
-        Parameters
-        ----------
-        data : mapping of str to SceneTask
-            Scene to task. Names are made of letters, digits, `_`, `.` and `-`.
-
-        Raises
-        ------
-        DatasetError
-            Caused by a `SceneError` if scenes failed (the others are stored), by a `DataError` if `data` is of another
-            type, if a name is not allowed or if the folder holds other files, and by a `ParameterError` if the backend
-            cannot access the store.
+        The error of scenes that failed comes when all others are stored.
         """
         start, backend = time.perf_counter(), self._execution.backend
         _check_tasks(data)

@@ -5,7 +5,7 @@ from kedro.framework.hooks import hook_impl
 from kedro.framework.project import pipelines
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.pipelines.composition import comparison, joined
+from mlsroad_pipeline.pipelines.composition import comparison, create_pipeline, joined
 
 KEY = "default_pipeline"
 """Parameter with the name of the default pipeline."""
@@ -28,6 +28,6 @@ class DefaultPipelineHooks:
         if name is not None and name not in pipelines:
             raise ParameterError(f"unknown {KEY} {name!r} (known: {', '.join(sorted(pipelines))})")
         pipelines["__default__"] = (
-            joined({part: pipelines[part] for part in comparison()}) if name is None else pipelines[name]
+            joined({part: create_pipeline(part) for part in comparison()}) if name is None else pipelines[name]
         )
         self._changed = name is not None

@@ -124,6 +124,8 @@ def _data_set(files: Sequence[str], title: str) -> Dataset:
 
 METHOD = "mlsroad.method"
 """Tag of a child run: the slug of the method."""
+DATA, PROTOCOL = "mlsroad.data", "mlsroad.protocol"
+"""Tags of a child run of a study: the recording, street or set of objects; the protocol, if there are several."""
 _INHERITED = (
     "mlflow.user", "mlflow.source.name", "mlflow.source.type", "mlflow.source.git.commit", "git.commit", PROCESS
 )  # fmt: skip
@@ -161,19 +163,29 @@ class MethodRuns:
         """Return the identifier of the run of a method, which is created if there is none."""
         return self._child(method).run_id
 
-    def _child(self, method: str) -> _Child:
+    def _child(self, method: str, data: str = "", protocol: str = "") -> _Child:
+        """Return the run of a method, in a study that on one data set."""
         with self._lock:
-            if method not in self._children:
+            key = "/".join(filter(None, (method, data, protocol)))
+            if key not in self._children:
                 info, tags = self._parent.info, self._parent.data.tags
                 kept = {name: tags[name] for name in _INHERITED if name in tags}
+                own = {tag: text for tag, text in ((METHOD, method), (DATA, data), (PROTOCOL, protocol)) if text}
+                place = data or self._survey
+                name = f"{method}, {protocol}" if protocol else method
                 run = mlflow.MlflowClient().create_run(
                     info.experiment_id,
-                    run_name=f"{method} on {self._survey}" if self._survey else method,
-                    tags={**kept, MLFLOW_PARENT_RUN_ID: info.run_id, METHOD: method},
+                    run_name=f"{name} on {place}" if place else name,
+                    tags={
+                        **kept,
+                        MLFLOW_PARENT_RUN_ID: info.run_id,
+                        **{tag: text for tag, text in own.items() if text},
+                    },
                 )
-                self._children[method] = _Child(run.info.run_id)
-                log_params(run.info.run_id, self._parameters(method))
-            return self._children[method]
+                self._children[key] = _Child(run.info.run_id)
+                chosen = {"method": method, "data": data, "protocol": protocol} if data else {}
+                log_params(run.info.run_id, {**self._parameters(method), **{n: v for n, v in chosen.items() if v}})
+            return self._children[key]
 
     def open(self, method: str) -> None:
         """Make the run of a method the active one: what MLflow records now belongs to it."""
@@ -198,17 +210,32 @@ class MethodRuns:
         for method, values in scores_to_metrics(frame).items():
             child = self._child(method)
             child.scores.append(frame[frame["method"] == method])
-            stamp, metrics = now(), []
-            for name, value in values.items():
-                data = self._data_sets.of(name.split("/", maxsplit=1)[0])
-                self._log_inputs(child, data)
-                named = {"dataset_name": data.dataset.name, "dataset_digest": data.dataset.digest} if data else {}
-                metrics.append(Metric(name, value, stamp, 0, **named))
-            self._log(child, metrics)
+            for split in dict.fromkeys(name.partition("/")[0] for name in values):
+                self._log_values(child, {n: v for n, v in values.items() if n.partition("/")[0] == split}, split)
+
+    def log_study(self, frame: pd.DataFrame) -> None:
+        """Record the scores of a study: a run per method, data set and protocol, whose metrics have plain names.
+
+        Splits are ``<data>`` or ``<data>/<protocol>/<part>``; metrics of a second part begin with its name.
+        """
+        started: dict[str, str] = {}
+        for (method, split), rows in frame.groupby(["method", "split"], sort=False):
+            data, protocol, part = (*str(split).split("/"), "", "")[:3]
+            child = self._child(str(method), data, protocol)
+            prefix = "" if started.setdefault(child.run_id, part) == part else f"{part}/"
+            named = scores_to_metrics(rows.assign(split="_"))[str(method)]
+            self._log_values(child, {prefix + name.removeprefix("_/"): v for name, v in named.items()}, data)
 
     def log_series(self, method: str, table: pd.DataFrame) -> None:
         """Record every column of a table by step."""
         self._log(self._child(method), series_metrics(table))
+
+    def _log_values(self, child: _Child, values: Mapping[str, float], split: str) -> None:
+        """Record metrics of a split, linked to its data set."""
+        data, stamp = self._data_sets.of(split), now()
+        self._log_inputs(child, data)
+        named = {"dataset_name": data.dataset.name, "dataset_digest": data.dataset.digest} if data else {}
+        self._log(child, [Metric(name, value, stamp, 0, **named) for name, value in values.items()])
 
     def _log(self, child: _Child, metrics: list[Metric]) -> None:
         if child.model is None:

@@ -5,6 +5,7 @@ import json
 import os
 import platform
 import re
+import shlex
 import subprocess
 from collections.abc import Mapping, Sequence
 from enum import Enum
@@ -17,6 +18,7 @@ from kedro.pipeline import Pipeline
 from pydantic import BaseModel
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import without_password
 from mlsroad_pipeline.execution.digests import digest_file, new_digest
 
 DEFAULT_NAME = "compare"
@@ -54,8 +56,15 @@ def runner_name(runner: Any) -> str:
     return match[1] if match and match[1] != "None" else "SequentialRunner"
 
 
-def typed_command(command: str, env: str | None) -> str:
-    """Return a command of kedro-mlflow with the environment and without the deprecated option."""
+def typed_command(command: str, env: str | None, argv: Sequence[str] = ()) -> str:
+    """Return the command as it was typed, else that of kedro-mlflow with the environment, without a deprecated option.
+
+    kedro-mlflow leaves out `--config` and `--params`.
+    """
+    program = Path(argv[0] if argv else "")
+    program = program.parent if program.name == "__main__.py" else program
+    if program.name in ("kedro", "mlsroad", "mlsroad_pipeline"):
+        return without_password(shlex.join([program.name, *argv[1:]]))
     pipelines = command.replace("--pipeline=", "--pipelines=").replace(" --pipelines=__default__", "")
     return f"{pipelines} --env={env}" if env else pipelines
 
@@ -154,6 +163,18 @@ def flatten_parameters(parameters: Mapping[str, Any]) -> dict[str, str]:
             unique, k = f"{name}_{k}", k + 1
         flat[unique] = "{}" if parts == {} and not isinstance(value, list | tuple) else _written(value)
     return flat
+
+
+def pipeline_parameters(pipeline: Pipeline, catalog: CatalogProtocol) -> dict[str, str]:
+    """Return the parameters that the nodes of a pipeline take, flat."""
+    parameters: dict[str, Any] = {}
+    taken = {name for node in pipeline.nodes for name in node.inputs if is_parameter(name)}
+    for name in sorted(taken):
+        value = catalog.load(name)
+        parameters.update(value if name == "parameters" else {name.removeprefix("params:"): value})
+    # `a` and `a.b`, inputs of two nodes, are one parameter
+    inner = {name for name in parameters if any(name.startswith(f"{other}.") for other in parameters)}
+    return flatten_parameters({name: value for name, value in parameters.items() if name not in inner})
 
 
 MOST_PARAMETERS = 60

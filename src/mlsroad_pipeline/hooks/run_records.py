@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 import tempfile
 import time
 from collections.abc import Mapping
@@ -40,9 +41,9 @@ from mlsroad_pipeline.hooks.run_details import (
     fingerprint_files,
     flatten_parameters,
     git_state,
-    is_parameter,
     is_registered,
     model_name,
+    pipeline_parameters,
     run_name,
     runner_name,
     short_parameters,
@@ -135,20 +136,13 @@ class RunRecords:
         self._log_parameters()
         self._log_code_and_environment(Path(self._run_params.get("project_path") or Path.cwd()))
 
-    def _parameters(self, nodes: Pipeline) -> dict[str, str]:
-        """Return the parameters that nodes take, flat."""
-        parameters: dict[str, Any] = {}
-        taken = {name for node in nodes.nodes for name in node.inputs if is_parameter(name)}
-        for name in sorted(taken):
-            value = self._catalog.load(name)
-            parameters.update(value if name == "parameters" else {name.removeprefix("params:"): value})
-        # `a` and `a.b`, inputs of two nodes, are one parameter
-        inner = {name for name in parameters if any(name.startswith(f"{other}.") for other in parameters)}
-        return flatten_parameters({name: value for name, value in parameters.items() if name not in inner})
-
     def _parameters_of(self, method: str) -> dict[str, str]:
         own = [n for n in self._pipeline.nodes if any(made.startswith(f"{method}.") for made in n.outputs)]
-        return short_parameters(self._parameters(Pipeline(own)))
+        if own or (group := f"params:{method}") not in self._pipeline.inputs():
+            return short_parameters(pipeline_parameters(Pipeline(own), self._catalog))
+        return short_parameters(
+            flatten_parameters({method: self._catalog.load(group)})
+        )  # in a study, one plan takes all
 
     def before_saving(self, dataset_name: str) -> None:
         """Open the run of the method whose model is registered now."""
@@ -168,6 +162,8 @@ class RunRecords:
         )
         if isinstance(dataset, RegisteredModelDataset):
             self._methods.close(dataset)
+        elif isinstance(dataset, ScoresDataset) and owner.endswith("_study"):
+            self._methods.log_study(dataset.load())
         elif isinstance(dataset, ScoresDataset):
             self._methods.log_scores(dataset.load())
         elif isinstance(dataset, MetricSeriesDataset) and owner in METHODS:
@@ -197,7 +193,7 @@ class RunRecords:
 
     def _log_parameters(self) -> None:
         """Record the parameters of the pipeline under their dotted names, and all in full as `parameters.json`."""
-        flat = self._parameters(self._pipeline)
+        flat = pipeline_parameters(self._pipeline, self._catalog)
         log_params(self._run_id, short_parameters(flat))
         text = json.dumps(flat, indent=2, ensure_ascii=False)
         mlflow.MlflowClient().log_text(self._run_id, text, "parameters.json")
@@ -212,7 +208,7 @@ class RunRecords:
         tags["runner"] = runner_name(self._run_params.get("runner"))
         client = mlflow.MlflowClient()
         command = client.get_run(self._run_id).data.tags.get("kedro_command", "")
-        tags["kedro_command"] = typed_command(command, self._run_params.get("env"))
+        tags["kedro_command"] = typed_command(command, self._run_params.get("env"), sys.argv)
         client.log_batch(self._run_id, tags=[RunTag(name, value) for name, value in tags.items()])
         client.log_text(self._run_id, "\n".join(packages) + "\n", "environment/pip_freeze.txt")
 

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import shapely
-from ezdxf import units
-from ezdxf._options import options
+from ezdxf import options, units  # type: ignore[attr-defined]  # documented, but not marked as exported
 from ezdxf.document import Drawing
 from ezdxf.filemanagement import new
 from ezdxf.layouts.blocklayout import BlockLayout
@@ -29,9 +28,9 @@ APPLICATION = "MLSROAD"
 """Name under which outlines hold the number of their object, as extended data of group code 1071."""
 
 ATTRIBUTES = (
-    "object_id", "class", "kind", "score", "height", "width", "length", "heading", "tilt", "lean_azimuth", "diameter",
-    "crown_diameter", "panel_bottom", "panel_centre", "panel_height", "panel_width", "facing", "facing_from",
-    "clearance", "station", "offset", "pole_id", "point_count", "reasons",
+    "object_id", "class", "kind", "score", "height", "width", "length", "heading", "tilt", "lean_azimuth", "pole_type",
+    "diameter", "crown_diameter", "panel_bottom", "panel_centre", "panel_height", "panel_width", "panel_shape",
+    "facing", "facing_from", "clearance", "station", "offset", "pole_id", "point_count", "reasons",
 )  # fmt: skip
 """Fields that are attributes of the blocks; those that an object lacks are left out."""
 

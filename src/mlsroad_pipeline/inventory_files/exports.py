@@ -13,6 +13,7 @@ from mlsroad_pipeline.inventory_files.vector_files import (
     write_csv,
     write_flatgeobuf,
     write_geojson,
+    write_gml,
     write_shapefile,
 )
 
@@ -63,6 +64,10 @@ def _write_dxf(inventory: RoadInventory, folder: Path) -> list[Path]:
     return write_dxf(inventory, folder)
 
 
+def _write_gml(inventory: RoadInventory, folder: Path) -> list[Path]:
+    return write_gml(inventory, folder / "inventory.gml")
+
+
 _PARTS = ("shp", "shx", "dbf", "cpg")
 _SHAPEFILE = tuple(
     f"inventory_shp/{layer}.{part}" for layer in ("objects", "vehicles", "footprints") for part in _PARTS
@@ -76,6 +81,7 @@ EXPORTS: dict[str, Export] = {
     "geojson": Export(write_geojson, ("inventory.geojson",), ("lines.geojson",)),
     "flatgeobuf": Export(write_flatgeobuf, ("inventory.fgb",), ("lines.fgb",)),
     "shapefile": Export(write_shapefile, (*_SHAPEFILE, "inventory_shp/fields.csv"), (*_LINE, *_SYSTEMS)),
+    "gml": Export(_write_gml, ("inventory.gml", "inventory.xsd"), ("inventory_lines.gml", "inventory_lines.xsd")),
     "dxf": Export(_write_dxf, ("inventory.dxf",), ("inventory.prj",)),
 }
 """Name in `label.export` to its format; files of one name have the same content in every format."""

@@ -25,6 +25,7 @@ from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.execution.run_folder import OPEN_ENDINGS
 from mlsroad_pipeline.inventory_files import qgis_styles
 from mlsroad_pipeline.inventory_files.geopackage_tables import add_metadata, add_tables, metadata_of
+from mlsroad_pipeline.inventory_files.geopackage_views import add_views
 from mlsroad_pipeline.inventory_files.road_inventory import (
     DECIDED,
     LAYERS,
@@ -85,8 +86,12 @@ def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:
         layer: qgis_styles.qml(layer, scaled=crs is not None, drawn=layer != "objects") for layer in qgis_styles.LAYERS
     }
 
+    columns, boxes = _columns_of_kinds(table), vehicle_boxes(table)
+    boxes[(table["kind"] != "vehicle").to_numpy()] = None
+
     def write(path: Path) -> None:
         _write_layers(path, layers)
+        add_views(path, columns, boxes, date=_FIXED_DATE)
         add_tables(path, styles, date=_FIXED_DATE)
         add_metadata(path, metadata_of(inventory), date=_FIXED_DATE)
 
@@ -147,7 +152,10 @@ def _check_whole(path: Path, target: Path) -> None:
     """Raise OSError if a layer lacks rows of its index, or tables and triggers: GDAL ignores some failed writes."""
     with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:
         sound = database.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
-        layers = [name for (name,) in database.execute("SELECT table_name FROM gpkg_geometry_columns")]
+        # views have the index of their table
+        real = "(SELECT name FROM sqlite_master WHERE type = 'table')"
+        indexed = f"SELECT table_name FROM gpkg_geometry_columns WHERE table_name IN {real}"
+        layers = [name for (name,) in database.execute(indexed)]
         parts, rows = set(), []
         for layer in layers:
             query = "SELECT count(*) FROM sqlite_master WHERE name LIKE ? OR (type = 'trigger' AND tbl_name = ?)"
@@ -175,13 +183,6 @@ def _layers(inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> l
     """Return the layers in the order of the file."""
     columns, points = attributes(table), base_points(table)
     layers = [_layer("objects", columns, geometry=points, kind=_POINT, crs=crs)]
-    for name, kind in LAYERS.items():
-        rows = (table["kind"] == kind).to_numpy()
-        shapes = vehicle_boxes(table[rows]) if kind == "vehicle" else points[rows]
-        shape = _POLYGON if kind == "vehicle" else _POINT
-        typed = [n for n in note_columns(columns) if columns.loc[rows, n].notna().any()]
-        own = columns.loc[rows, [*fields_of_layer(name), *typed]]
-        layers.append(_layer(name, own, geometry=shapes, kind=shape, crs=crs))
     layers.append(_footprints(table, crs))
     for name, kind in LINE_LAYERS.items():
         if inventory.lines is None:
@@ -201,6 +202,17 @@ def _layers(inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> l
             )
             layers.append(_layer("sections", inventory.sections, geometry=lines, kind=_LINE, crs=crs))
     return layers
+
+
+def _columns_of_kinds(table: pd.DataFrame) -> dict[str, list[str]]:
+    """Return the columns of the layers of kinds: their fields, and notes and attributes that one of the kind has."""
+    return {
+        layer: [
+            *fields_of_layer(layer),
+            *(n for n in note_columns(table) if (table[n][table["kind"] == kind] != "").any()),
+        ]
+        for layer, kind in LAYERS.items()
+    }
 
 
 def _footprints(table: pd.DataFrame, crs: CRS | None) -> _Layer:

@@ -12,6 +12,7 @@ import numpy as np
 from mlsroad_pipeline import __version__
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS, LINE_LAYERS
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS
+from mlsroad_pipeline.algorithms.inventory.road.sight import SIGHT_FIELDS
 from mlsroad_pipeline.algorithms.inventory.road.table import ROAD_FIELDS, ROAD_LAYERS
 from mlsroad_pipeline.inventory_files.road_inventory import LAYERS, RoadInventory, is_note, note_field
 
@@ -54,7 +55,8 @@ def add_tables(path: Path, styles: Mapping[str, str], *, date: str) -> None:
         for layer in layers:
             # The argument of a pragma cannot be bound; the layer names are constants of this package.
             names = [row[1] for row in base.execute(f'PRAGMA table_info("{layer}")')]
-            fields = LINE_FIELDS if layer in LINE_LAYERS else ROAD_FIELDS if layer in ROAD_LAYERS else FIELDS
+            special = {**dict.fromkeys(LINE_LAYERS, LINE_FIELDS), **dict.fromkeys(ROAD_LAYERS, ROAD_FIELDS)}
+            fields = SIGHT_FIELDS if layer == "sight" else special.get(layer, FIELDS)
             known = {n: fields[n] if n in fields else note_field(n) for n in names if n in fields or is_note(n)}
             lists = {n: f"{layer}_{n}" for n, field in known.items() if field.values}
             rows = [(layer, n, f.alias, f.alias, f.description, lists.get(n)) for n, f in known.items()]
@@ -87,7 +89,7 @@ def add_tables(path: Path, styles: Mapping[str, str], *, date: str) -> None:
 
 
 DESCRIPTIONS = {
-    "objects": "All objects; the layers of kinds repeat them with the columns of their kind.",
+    "objects": "All objects; the layers of kinds are views of them with the columns of their kind.",
     **{name: f"Objects of kind {kind}." for name, kind in LAYERS.items()},
     "footprints": "Convex hulls of the points of objects.",
     **{name: f"Lines of kind {kind}." for name, kind in LINE_LAYERS.items()},

@@ -30,7 +30,10 @@ from mlsroad_pipeline.inventory_files.road_inventory import (
 )
 from mlsroad_pipeline.inventory_files.vector_files import to_wgs84, without_formulas
 
-DRIVERS = {".gpkg": "GPKG", ".csv": "CSV", ".geojson": "GeoJSON", ".fgb": "FlatGeobuf", ".shp": "ESRI Shapefile"}
+DRIVERS = {
+    ".gpkg": "GPKG", ".csv": "CSV", ".geojson": "GeoJSON", ".fgb": "FlatGeobuf", ".shp": "ESRI Shapefile",
+    ".gml": "GML",
+}  # fmt: skip
 """Ending of a file to its driver of GDAL."""
 
 _OPTIONS: dict[str, dict[str, str]] = {
@@ -39,7 +42,9 @@ _OPTIONS: dict[str, dict[str, str]] = {
     ".shp": {"ENCODING": "UTF-8", "DBF_DATE_LAST_UPDATE": "2000-01-01"},
     ".gpkg": {},
     ".fgb": {},
+    ".gml": {},
 }
+_KEYS = {"from", "codes", "default", "factor", "value"}
 _SHAPEFILE_NAME = 10  # characters of a field
 _OF_KINDS = {kind: layer for layer, kind in {**LAYERS, **LINE_LAYERS}.items()}
 
@@ -49,7 +54,8 @@ class OwnLayer(NamedTuple):
 
     name: str
     kind: str
-    fields: Mapping[str, Any]  # Column of the inventory; or `from` with `codes` and `default`; or a fixed `value`
+    # Column of the inventory; or `from` with `factor`, or with `codes` and `default`; or a fixed `value`
+    fields: Mapping[str, Any]
 
 
 def read_schema(path: Path) -> list[OwnLayer]:
@@ -82,7 +88,9 @@ def _layer(name: str, spec: Any, where: str) -> OwnLayer:
         raise ReadError(f"{where}, field {twice!r}: this name is taken: fields differ by more than capitals")
     for field, source in fields.items():
         column = source.get("from") if isinstance(source, Mapping) else source
-        if isinstance(source, Mapping) and (set(source) - {"from", "codes", "default", "value"} or not source):
+        if isinstance(source, Mapping) and (
+            set(source) - {"from", "codes", "default", "factor", "value"} or not source
+        ):
             raise ReadError(
                 f"{where}, field {field!r}: has {', '.join(map(str, source))}: use value, or from and codes"
             )
@@ -90,9 +98,21 @@ def _layer(name: str, spec: Any, where: str) -> OwnLayer:
             continue
         if column not in known and not (spec["kind"] in LAYERS.values() and is_note(str(column))):
             raise ReadError(f"{where}, field {field!r}: {spec['kind']} has no {column!r}: use {', '.join(known)}")
-        if isinstance(source, Mapping) and not isinstance(source.get("codes"), Mapping):
-            raise ReadError(f"{where}, field {field!r}: needs 'codes', values of {column} to your own")
+        if isinstance(source, Mapping) and "factor" in source:
+            is_text = is_note(str(column)) or known[str(column)].dtype == "str"
+            _check_factor(source, is_text, f"{where}, field {field!r}")
+        elif isinstance(source, Mapping) and not isinstance(source.get("codes"), Mapping):
+            raise ReadError(f"{where}, field {field!r}: needs 'codes', values of {column} to your own, or 'factor'")
     return OwnLayer(name, str(spec["kind"]), fields)
+
+
+def _check_factor(source: Mapping[str, Any], is_text: bool, where: str) -> None:
+    """Raise ReadError unless a column of numbers is multiplied by a number."""
+    factor = source["factor"]
+    if set(source) != {"from", "factor"} or isinstance(factor, bool) or not isinstance(factor, int | float):
+        raise ReadError(f"{where}: factor is a number, beside from alone, got {factor!r}")
+    if is_text:
+        raise ReadError(f"{where}: {source['from']} is text, which has no factor")
 
 
 def own_table(layer: OwnLayer, table: pd.DataFrame) -> pd.DataFrame:
@@ -105,6 +125,8 @@ def own_table(layer: OwnLayer, table: pd.DataFrame) -> pd.DataFrame:
             columns[str(field)] = table[source].to_numpy()
         elif "value" in source:
             columns[str(field)] = np.full(len(table), source["value"])
+        elif "factor" in source:
+            columns[str(field)] = (table[source["from"]] * source["factor"]).to_numpy()
         else:
             codes = source["codes"]
             missing = sorted({str(value) for value in table[source["from"]] if value not in codes})

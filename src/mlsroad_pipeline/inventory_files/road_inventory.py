@@ -24,13 +24,16 @@ from mlsroad_pipeline.formats.files import atomic_file
 LAYERS = {"poles": "pole", "signs": "sign", "trees": "tree", "vehicles": "vehicle"}
 """Layer name to kind of object."""
 
-MAY_LACK = ("complete", "motion", "facing_from", "status", "checked_class", "reasons", "method", "model_version")
+MAY_LACK = (
+    *("complete", "motion", "facing_from", "pole_type", "panel_shape"),
+    *("status", "checked_class", "reasons", "method", "model_version"),
+)
 """Text columns whose empty values are NULL in files."""
 
 ATTRIBUTE = "attr_"
 """Begin of the names of columns that hold the attributes that users gave to objects."""
 
-DECIDED = ("key", "complete", "motion", "status", "checked_class")
+DECIDED = ("key", "complete", "motion", "pole_type", "panel_shape", "status", "checked_class")
 """Columns that files of earlier versions lack; they are read as empty."""
 
 

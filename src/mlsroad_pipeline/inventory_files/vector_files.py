@@ -1,4 +1,4 @@
-"""Road inventory as CSV, GeoJSON, FlatGeobuf and Shapefile."""
+"""Road inventory as CSV, GeoJSON, FlatGeobuf, GML and Shapefile."""
 
 import logging
 import warnings
@@ -41,11 +41,11 @@ CSV_TYPES = {"int64": "Integer64", "float64": "Real", "str": "String"}
 
 SHAPEFILE_NAMES = {
     "lean_azimuth": "lean_az", "crown_diameter": "crown_diam", "panel_bottom": "panel_low", "panel_centre": "panel_mid",
-    "panel_height": "panel_h", "panel_width": "panel_w", "facing_from": "facing_src", "visible_share": "visible",
-    "point_count": "points", "disagreeing_share": "other_cls", "file_count": "files", "passes_there": "passes_of",
-    "scanners_there": "scanner_of", "least_height": "height_min", "most_height": "height_max",
-    "from_station": "from_stat", "first_time": "first_sec", "last_time": "last_sec", "model_version": "model",
-    "checked_class": "checked",
+    "panel_height": "panel_h", "panel_width": "panel_w", "panel_shape": "panel_shp", "facing_from": "facing_src",
+    "visible_share": "visible", "point_count": "points", "disagreeing_share": "other_cls", "file_count": "files",
+    "passes_there": "passes_of", "scanners_there": "scanner_of", "least_height": "height_min",
+    "most_height": "height_max", "from_station": "from_stat", "first_time": "first_sec", "last_time": "last_sec",
+    "model_version": "model", "checked_class": "checked",
 }  # fmt: skip
 """Field to its name of at most ten characters in a Shapefile; the others keep theirs."""
 
@@ -164,6 +164,20 @@ def write_flatgeobuf(inventory: RoadInventory, folder: Path) -> list[Path]:
     return written
 
 
+def write_gml(inventory: RoadInventory, target: Path) -> list[Path]:
+    """Write the base points with all fields as GML 3.2, its lines as ``..._lines.gml``, each with its schema."""
+    table, crs = checked(inventory, target)
+    if crs is not None and crs.to_authority() is None:
+        logger.warning("%s has no reference system: GML names them by codes, and %r has none", target, crs.name)
+    options: dict[str, Any] = {"driver": "GML", "dataset_options": {"FORMAT": "GML3.2"}}
+    written = _write(target, attributes(table), base_points(table), "Point Z", crs, layer="objects", **options)
+    if (lines := inventory.lines) is not None:
+        further = target.with_name(f"{target.stem}_lines.gml")
+        parts = line_attributes(lines), line_shapes(lines), "LineString Z", crs
+        written += _write(further, *parts, layer="lines", **options)
+    return written
+
+
 def _write(
     path: Path,
     columns: pd.DataFrame,
@@ -174,6 +188,7 @@ def _write(
     driver: str,
     layer: str,
     options: dict[str, Any] | None = None,
+    dataset_options: dict[str, Any] | None = None,
 ) -> list[Path]:
     frame = gpd.GeoDataFrame(
         columns.reset_index(drop=True), geometry=gpd.GeoSeries(geometry, dtype="geometry"), crs=crs
@@ -184,8 +199,9 @@ def _write(
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message=".*crs.* was not provided", category=UserWarning)
             pyogrio.write_dataframe(
-                frame, place, layer=layer, driver=driver, geometry_type=kind, layer_options=options or {}
-            )
+                frame, place, layer=layer, driver=driver, geometry_type=kind, layer_options=options or {},
+                dataset_options=dataset_options or {},
+            )  # fmt: skip
 
     return write_whole(path.parent, write)
 

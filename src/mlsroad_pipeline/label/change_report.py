@@ -21,6 +21,7 @@ from mlsroad_pipeline.formats.files import write_atomic
 from mlsroad_pipeline.inventory_files.geopackage import check_closed, points_of, write_shapes
 from mlsroad_pipeline.inventory_files.geotiff import write_geotiff
 from mlsroad_pipeline.inventory_files.vector_files import without_formulas
+from mlsroad_pipeline.label.compared_lines import length_table
 from mlsroad_pipeline.label.compared_surveys import TABLE, ComparedSurveys
 from mlsroad_pipeline.label.labelled_clouds import LabelledCloud, Recorded
 from mlsroad_pipeline.reporting.changes_page import ChangesMap, changes_page
@@ -29,16 +30,19 @@ from mlsroad_pipeline.reporting.html.report import Picture, table_section
 
 LAYERS, PAGE, RASTER = "changes.gpkg", "changes.html", "surface_change.tif"
 """Files of a comparison of surveys beside its table."""
-FILES = (TABLE, LAYERS, PAGE, RASTER)
+LINES = "changed_lines.csv"
+"""Table of the parts of lines."""
+FILES = (TABLE, LINES, LAYERS, PAGE, RASTER)
 MOST_PICTURES = 12
 """Largest number of pairs of pictures of each state."""
 _SHOWN = (CHANGED, MOVED, OTHER_KIND, GONE, NEW)
-_DECIMALS = {"empty_share": 2, **dict.fromkeys(("x", "y", "z", "dx", "dy", "distance"), 3)}
+_SHARES = {"empty_share": 2, "standing_share": 2}
 _HEADINGS = {
     "changes": "Changes", "first_id": "Number before", "second_id": "Number after", "distance": "Moved by [m]",
     "tilt_change": "Axis turned by [deg]", "height_change": "Height [m]", "panel_bottom_change": "Panel [m]",
-    "evidence": "Evidence", "x": "Easting [m]", "y": "Northing [m]", "key": "Key",
+    "reason": "Reason", "x": "Easting [m]", "y": "Northing [m]", "key": "Key",
 }  # fmt: skip
+LINES_NOTE = f"Length in metres. Layer lines of {LAYERS} has the parts."
 SURFACE_NOTE = (
     "Connected cells of 0.5 m whose M3C2 distances exceed their level of detection (95 %). Positive is upwards, of "
     "facades towards the path."
@@ -49,24 +53,29 @@ def write_changes(compared: ComparedSurveys, folder: Path, warnings: Sequence[st
     """Write table, layers, raster and page of a comparison of surveys, each whole or not at all; return their paths."""
     check_closed(folder / LAYERS)
     folder.mkdir(parents=True, exist_ok=True)
-    table, crs = compared.objects.round(_DECIMALS), compared.second.inventory.crs
-    layers = {"objects": points_of(table)}
+    table, crs = compared.objects.round(3).round(_SHARES), compared.second.inventory.crs
+    lines = compared.lines
+    layers = {"objects": points_of(table), "lines": (lines.table, lines.shapes, "LineString")}
     areas = pd.DataFrame()
     if compared.surfaces is not None:
         areas, shapes = changed_areas(compared.surfaces)
         areas = areas.round(3)
         layers["surfaces"] = (areas, shapes, "MultiPolygon")
     raster = None if compared.surfaces is None else distance_raster(compared.surfaces)
+    # The table is first: it shows that the other files are of a comparison.
+    write_atomic(folder / TABLE, without_formulas(table).to_csv(index=False, lineterminator="\n").encode())
+    write_atomic(folder / LINES, without_formulas(lines.table).to_csv(index=False, lineterminator="\n").encode())
     if raster is not None:
         write_geotiff(raster.values, folder / RASTER, corner=(raster.west, raster.north), edge=raster.edge, crs=crs)
     else:
         (folder / RASTER).unlink(missing_ok=True)  # of an earlier comparison
-    write_atomic(folder / TABLE, without_formulas(table).to_csv(index=False, lineterminator="\n").encode())
     write_shapes(layers, folder / LAYERS, crs=crs)
-    further = [] if compared.surfaces is None else [
-        table_section("Surfaces", surface_table(compared.surfaces)),
-        table_section("Areas of significant change", areas, SURFACE_NOTE),
-    ]  # fmt: skip
+    further = [table_section("Lines", length_table(lines.table), LINES_NOTE)]
+    if compared.surfaces is not None:
+        further += [
+            table_section("Surfaces", surface_table(compared.surfaces)),
+            table_section("Areas of significant change", areas, SURFACE_NOTE),
+        ]
     first, second = compared.first.output.path, compared.second.output.path
     page = changes_page(
         table, _HEADINGS, map_of(compared.second, table), title=f"Changes from {first.name} to {second.name}",

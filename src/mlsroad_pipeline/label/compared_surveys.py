@@ -1,6 +1,5 @@
 """Comparison of two labelled surveys of one place: offset, objects, surfaces."""
 
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -14,7 +13,6 @@ from scipy.spatial import cKDTree
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.geometry.thinning import first_in_cells
-from mlsroad_pipeline.algorithms.inventory.changes.objects import Unmatched, changed_objects, pair_objects
 from mlsroad_pipeline.algorithms.inventory.changes.surfaces import (
     SURFACES,
     M3C2Parameters,
@@ -22,21 +20,17 @@ from mlsroad_pipeline.algorithms.inventory.changes.surfaces import (
     surface_distances,
 )
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import GROUPS, group_shares
-from mlsroad_pipeline.algorithms.inventory.register.seen_space import TREE
-from mlsroad_pipeline.algorithms.inventory.register.states import evidence_of
 from mlsroad_pipeline.algorithms.registration.offset import Offset, find_offset
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, line_vertices
-from mlsroad_pipeline.label.labelled_clouds import LabelledCloud, Recorded, on_ground, seen_space
+from mlsroad_pipeline.label.compared_lines import ComparedLines, compared_lines
+from mlsroad_pipeline.label.compared_objects import compared_objects
+from mlsroad_pipeline.label.labelled_clouds import Recorded
 
 TABLE = "changes.csv"
 """File with the states and keys of a comparison."""
 THINNED = 0.05
 """Edge of the cells of which one point of a surface is kept, metres."""
 _APART = 100.0  # distance of the objects of two surveys that have nothing in common, metres
-STANDING_CELL = 0.2
-"""Distance of points in two surveys that belong to one surface, metres."""
-CROWN = 1.0
-"""Radius around the axis of a tree in which its top is compared, metres."""
 NEAR_KERB = 0.2
 """Distance of a core point from a kerb up to which it is of the kerb, metres."""
 _FACADE, _ROAD = SURFACES.index("facade"), SURFACES.index("road")
@@ -47,6 +41,7 @@ class ComparedSurveys(NamedTuple):
     """States of all objects, distances of surfaces, and the offset of the earlier survey."""
 
     objects: pd.DataFrame  # Of `changed_objects`, with `key`
+    lines: ComparedLines
     surfaces: SurfaceDistances | None
     offset: Offset | None  # What moves the earlier survey onto the later one; None where nothing measures it
     aligned: bool  # Whether the earlier survey was moved
@@ -85,7 +80,7 @@ def compare_surveys(first: Recorded, second: Recorded, *, align: bool, surfaces:
     if surfaces:
         error = 0.0 if offset is None else _remaining(offset, aligned=align)
         found = compared_surfaces(points[0], points[1], second, error)
-    return ComparedSurveys(objects, found, offset, align, first, second)
+    return ComparedSurveys(objects, compared_lines(first, second), found, offset, align, first, second)
 
 
 def _check_places(first: Recorded, second: Recorded) -> None:
@@ -108,80 +103,6 @@ def _check_systems(first: Recorded, second: Recorded) -> None:
 
 def _remaining(offset: Offset, *, aligned: bool) -> float:
     return float(np.linalg.norm(np.nan_to_num(offset.error if aligned else offset.shift)))
-
-
-def compared_objects(first: Recorded, second: Recorded) -> pd.DataFrame:
-    """Return the states of all poles, signs and trees of two surveys in one reference system."""
-    before, after = first.objects, second.objects
-    pairs = pair_objects(before, after)
-    of_first = _evidence(before, pairs.left_first, first.clouds, second.clouds)
-    of_second = _evidence(after, pairs.left_second, second.clouds, first.clouds)
-    axes = after[["x", "y"]].to_numpy(dtype=np.float64)[pairs.second]
-    is_tree = (after["kind"].to_numpy()[pairs.second] == "tree").nonzero()[0]
-    growth = np.full(len(pairs.first), np.nan)
-    growth[is_tree] = _tops(axes[is_tree], second.clouds) - _tops(axes[is_tree], first.clouds)
-    return changed_objects(before, after, pairs, of_first, of_second, growth)
-
-
-def _tops(axes: NDArray[np.float64], clouds: Sequence[LabelledCloud]) -> NDArray[np.float64]:
-    """Return the elevation of the highest points of trees within `CROWN` of axes; NaN without any."""
-    tops = np.full(len(axes), -np.inf)
-    for cloud in clouds if len(axes) else ():
-        for xyz, code, _ in cloud.chunks():
-            points = xyz[cloud.kind[code] == TREE]
-            if not len(points):
-                continue
-            for k, near in enumerate(cKDTree(points[:, :2]).query_ball_point(axes, CROWN)):
-                # The second highest: a single point may be noise.
-                tops[k] = max(tops[k], np.sort(points[near, 2])[-2:][0]) if near else tops[k]
-    return np.where(np.isfinite(tops), tops, np.nan)
-
-
-def _standing_shares(
-    numbers: NDArray[np.int64], own: Sequence[LabelledCloud], others: Sequence[LabelledCloud]
-) -> NDArray[np.float64]:
-    """Return the share of the points of objects, thinned to `STANDING_CELL`, that have points of the other survey near.
-
-    Objects without points of their own, such as those that a user added, have NaN.
-    """
-    share = np.full(len(numbers), np.nan)
-    parts = [part for cloud in own for part in cloud.points_of(numbers)] if len(numbers) else []
-    if not parts:
-        return share
-    xyz, owner = (np.concatenate(column) for column in zip(*parts, strict=True))
-    if not len(xyz):
-        return share
-    kept = np.concatenate(
-        [rows[first_in_cells(xyz[rows], STANDING_CELL)] for rows in map(np.flatnonzero, _each(owner, len(numbers)))]
-    )
-    xyz, owner = xyz[kept], owner[kept]
-    met, tree = np.zeros(len(xyz), dtype=np.bool_), cKDTree(xyz)
-    for cloud in others:
-        for points, _, _ in cloud.chunks():
-            near = points[np.isfinite(tree.query(points, distance_upper_bound=STANDING_CELL)[0])]
-            if len(near):
-                met |= np.isfinite(cKDTree(near).query(xyz, distance_upper_bound=STANDING_CELL)[0])
-    count = np.bincount(owner, minlength=len(numbers))
-    share[count > 0] = np.bincount(owner, met, minlength=len(numbers))[count > 0] / count[count > 0]
-    return share
-
-
-def _each(owner: NDArray[np.int64], n: int) -> Iterator[NDArray[np.bool_]]:
-    return (owner == k for k in range(n))
-
-
-def _evidence(
-    objects: pd.DataFrame, rows: NDArray[np.int64], own: Sequence[LabelledCloud], clouds: Sequence[LabelledCloud]
-) -> Unmatched:
-    """Return what the other survey has seen at the places of objects; places without ground are left out."""
-    places = on_ground(objects[["x", "y"]].to_numpy(dtype=np.float64)[rows], clouds)
-    known = np.isfinite(places[:, 2])
-    rows, places = rows[known], places[known]
-    kind = objects["kind"].to_numpy(dtype=str)[rows]
-    seen = seen_space(places, kind, clouds)
-    evidence = evidence_of(seen, kind, objects["height"].to_numpy(dtype=np.float64)[rows])
-    standing = _standing_shares(objects["object_id"].to_numpy(dtype=np.int64)[rows], own, clouds)
-    return Unmatched(rows, evidence, standing, seen.rays)
 
 
 def keys_of(objects: pd.DataFrame, first: Recorded, second: Recorded) -> list[str]:

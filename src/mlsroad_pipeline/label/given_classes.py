@@ -55,7 +55,7 @@ class GivenClasses:
 
     kept: Legend | None = None  # Of the kept classes
     predicted: Legend | None = None  # Of the predictions
-    weight: float | None = None  # Of the predictions in a pool; None takes them alone
+    weight: float | str | None = None  # Of the predictions in a pool; None takes them alone
     # Class numbers that cannot be written back, because they mean another class in the output, to the two meanings
     clashes: Mapping[int, str] = field(default_factory=dict)
 
@@ -199,7 +199,7 @@ def labels_with_given(
     if given is None:
         return soft
     if given.weight is not None:
-        soft = pool_with_given(soft, scene, given.weight)
+        soft = pool_with_given(soft, scene, float(given.weight))
     if given.kept is None:
         return soft
     label, is_ground = scene[KEPT_LABEL], np.append(ground_classes(scheme), False)  # the last is of no class

@@ -11,6 +11,7 @@ from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import numbered
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import join_kerbs
 from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import join_markings
+from mlsroad_pipeline.algorithms.inventory.lines.wire_poles import with_utility_poles
 from mlsroad_pipeline.algorithms.inventory.lines.wires import join_wires
 from mlsroad_pipeline.algorithms.inventory.objects.extraction import SceneObjects
 from mlsroad_pipeline.algorithms.inventory.objects.merging import MergedObjects, merge_scenes
@@ -26,15 +27,18 @@ from mlsroad_pipeline.label.written_file import ObjectClasses
 from mlsroad_pipeline.model_store.object_classifiers import classifier_of
 
 _MOST_FILES = 1 << 24  # of a pass
+_KEPT_ROWS = 500_000  # of fragments, 0.1 KB each, that stay in memory between the two times that scenes are read
 
 
 class _StoredObjects(Sequence[SceneObjects]):
-    """Objects of the scenes of a pass, loaded one scene at a time."""
+    """Objects of the scenes of a pass, loaded one scene at a time; the first ones stay in memory."""
 
     def __init__(
         self, objects: Sequence[StoredResult], fragments: Sequence[StoredResult], evidence: Sequence[StoredResult]
     ) -> None:
         self._handles = list(zip(objects, fragments, evidence, strict=True))
+        self._kept: dict[int, SceneObjects] = {}
+        self._n_kept = 0
 
     def __len__(self) -> int:
         return len(self._handles)
@@ -48,8 +52,14 @@ class _StoredObjects(Sequence[SceneObjects]):
     def __getitem__(self, index: int | slice) -> SceneObjects | Sequence[SceneObjects]:
         if isinstance(index, slice):
             return [self[i] for i in range(len(self))[index]]
+        if index in self._kept:
+            return self._kept[index]
         objects, fragments, evidence = self._handles[index]
-        return SceneObjects(objects.key, objects.load(), fragments.load(), evidence=evidence.load())
+        loaded = SceneObjects(objects.key, objects.load(), fragments.load(), evidence=evidence.load())
+        if self._n_kept + len(loaded.fragments) <= _KEPT_ROWS:
+            self._kept[index] = loaded
+            self._n_kept += len(loaded.fragments)
+        return loaded
 
 
 class JoinedObjects(TypedDict):
@@ -112,13 +122,14 @@ def join_objects(
         "label": np.append(0, table["class"].map(labels)).astype(np.uint8),
         "score": np.append(0.0, table["score"]).astype(np.float32),
     }
-    table = table.assign(method=method, model_version=model_version)
     comparable = are_comparable(lines) if join_drives is None else join_drives
+    joined_lines = join_pass_lines(lines, comparable=comparable)
+    table = with_utility_poles(table.assign(method=method, model_version=model_version), joined_lines)
     return {
         "objects": table,
         "numbers": numbers,
         "classes": classes,
-        "lines": join_pass_lines(lines, comparable=comparable),
+        "lines": joined_lines,
     }
 
 

@@ -75,6 +75,25 @@ class LabelledCloud:
                 xyz, scanner = self.move(xyz), self.move(scanner)
             yield xyz, cloud["classification"].astype(np.uint8), scanner
 
+    def near(
+        self, places: NDArray[np.float64], reach: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float32]]:
+        """Return coordinates, codes and intensities (NaN: none) of the points near places in plan."""
+        form, options = get_format(self.path), self.output.read_options()
+        info, tree = form.info(self.path, options), cKDTree(places[:, :2])
+        names = tuple(name for name in ("classification", "intensity") if name in info.columns)
+        parts = [(np.zeros((0, 3)), np.zeros(0, np.uint8), np.zeros(0, np.float32))]
+        for start in range(0, info.n_points, CHUNK):
+            cloud = form.read(self.path, replace(options, only=names), start=start, stop=start + CHUNK)
+            xyz = cloud.world_xyz() if self.move is None else self.move(cloud.world_xyz())
+            rows = np.flatnonzero(np.isfinite(tree.query(xyz[:, :2], distance_upper_bound=reach)[0]))
+            code = cloud["classification"][rows].astype(np.uint8)
+            bright = cloud["intensity"][rows] if "intensity" in cloud else np.full(len(rows), np.nan, np.float32)
+            kept = ~np.isin(code, NOISE_CODES)
+            parts.append((xyz[rows[kept]], code[kept], bright[kept]))
+        xyz, code, bright = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return xyz, code, bright
+
     def points_of(self, numbers: NDArray[np.int64]) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64]]]:
         """Yield the points of some objects, each with the row of its object in `numbers`."""
         form, options = get_format(self.path), self.output.read_options()

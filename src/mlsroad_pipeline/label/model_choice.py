@@ -228,32 +228,29 @@ def _segmentation(name: str) -> Any:
     return METHODS["image_labels"].function(f".own_segmentation:{name}")
 
 
-@dataclass(frozen=True)
-class AvailableModel:
-    """A model that `label` can use."""
-
-    name: str  # Name of a shipped model, or the registered name
-    method: str  # Slug of the method
-    version: str  # Version of the package of a shipped model, or the registered version
-    aliases: tuple[str, ...]  # Aliases of a registered version
-    shipped: bool  # Whether the model is part of the package
-    trained_on: str  # Training data
-    entry: ShippedModel | None = None  # Classes, scores, licence and size of a shipped model
-
-
 def registered_models_at(uri: str) -> ModelStore:
     """Return the registered models of an MLflow store."""
     return MlflowStore(uri)
 
 
-def available_models(store: ModelStore | None = None) -> list[AvailableModel]:
+def available_models(store: ModelStore | None = None) -> list[ShippedModel | RegisteredVersion]:
     """Return the shipped models, then the registered ones of a store (`MlflowStore`, or None for none)."""
-    found = [
-        AvailableModel(name, model.method, model.version, (), True, model.trained_on, model)
-        for name, model in shipped_models().items()
+    return [*shipped_models().values(), *(() if store is None else store.versions())]
+
+
+def model_lines(item: ShippedModel | RegisteredVersion) -> list[str]:
+    """Return a model as text: a line with its name, then indented lines on its training and scores."""
+    trained = f"  trained on  {item.trained_on or 'unknown data'}"
+    if isinstance(item, RegisteredVersion):
+        aliases = f" ({', '.join(item.aliases)})" if item.aliases else ""
+        return [f"{item.name}{aliases}: {item.method}, registered", trained]
+    scores = [
+        f"  scores      {score.data}: overall accuracy {score.overall_accuracy:.3f}, mean F1 {score.mean_f1:.3f}"
+        for score in item.scores
     ]
-    registered = () if store is None else store.versions()
-    return found + [
-        AvailableModel(item.registered_name, item.method, str(item.version), item.aliases, False, item.trained_on)
-        for item in registered
+    size = sum(int(file["bytes"]) for file in item.files.values()) / 1e6
+    return [
+        *(f"{item.name}: {item.method}, shipped", trained),
+        *(f"  for         {item.summary}", f"  classes     {', '.join(item.classes)}", *scores),
+        f"  licence     {item.licence}, {size:.1f} MB",
     ]

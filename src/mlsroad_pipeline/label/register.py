@@ -70,7 +70,7 @@ def write_compared(
     compared: ComparedRegister, folder: Path, *, register: Path, warnings: Sequence[str] = ()
 ) -> list[Path]:
     """Write the states as a CSV table, a layer of a GeoPackage and a page with a map, each whole or not at all."""
-    table, survey = compared.table, compared.survey
+    table, survey = compared.table.round(3), compared.survey
     check_closed(folder / LAYER)
     write_atomic(folder / TABLE, without_formulas(table).to_csv(index=False, lineterminator="\n").encode())
     write_shapes({"register": points_of(table)}, folder / LAYER, crs=survey.inventory.crs)

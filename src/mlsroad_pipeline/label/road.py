@@ -25,7 +25,8 @@ from mlsroad_pipeline.algorithms.inventory.road.clearance import (
     lowest_points,
 )
 from mlsroad_pipeline.algorithms.inventory.road.edges import find_edges
-from mlsroad_pipeline.algorithms.inventory.road.stations import STEP, Located, RoadPath
+from mlsroad_pipeline.algorithms.inventory.road.sight import Standing, joined, may_hide, sight_table, standing
+from mlsroad_pipeline.algorithms.inventory.road.stations import STEP, Located, RoadPath, check_driven
 from mlsroad_pipeline.algorithms.inventory.road.surface import (
     CELL,
     CELLS,
@@ -53,6 +54,7 @@ SLICE = 0.25
 
 _MOBILE = {"car", "van", "truck", "bus", "train", "other_vehicle", "motorcycle", "bicycle", "person", "rider", "animal"}
 """Taxonomy classes that do not stay above the road."""
+_NOTHING = standing(np.zeros((0, 3)), np.zeros(0, np.uint8))
 _SAMPLED = 50  # every such ground point gives the main axis
 _UNKNOWN = 255  # class of points without one
 
@@ -65,6 +67,7 @@ class MeasuredRoad(NamedTuple):
     path: RoadPath
     across: list[CrossSection]
     crs: str | None
+    sight: pd.DataFrame  # Columns of `SIGHT_FIELDS`
 
 
 class _Points(NamedTuple):
@@ -141,10 +144,12 @@ def measure_road(
     `envelope` are the width and height of an envelope around the path, `at` the stations of sections across the road.
     """
     clouds = _Clouds.of(output)
+    if trajectory is not None:
+        check_driven(trajectory)
     found = trajectory or inventory.trajectory or _axis_of_ground(clouds)
     path = RoadPath.along(found)
     for station in at:
-        if not 0 <= station < path.station[-1]:
+        if not 0 <= station <= path.station[-1]:
             raise ParameterError(f"--at {station:g}: the path has stations from 0 to {path.station[-1]:g}")
     ground = _read_ground(clouds, path)
     kerbs = inventory.lines
@@ -155,7 +160,8 @@ def measure_road(
             f"{output.path}: no paved ground within 1.5 m of the path {found.source}: name the path of the vehicle "
             "with --path"
         )
-    above = _Above.empty(len(path), envelope, at)
+    signs = inventory.objects[inventory.objects["kind"] == "sign"]
+    above = _Above.empty(len(path), envelope, at, hides=len(signs) > 0)
     above.read(clouds, path, ground, planes, np.where(np.isfinite(edges.offset), edges.offset, [[-BESIDE], [BESIDE]]))
     inside = None if envelope is None else lowest_points(above.inside)
     table = road_table(path, ground, planes, edges, lowest_points(above.over), inside, clouds.scheme.classes)
@@ -164,7 +170,10 @@ def measure_road(
         _cross_section(station, parts, table, surface, clouds.scheme)
         for parts, station in zip(above.slices, at, strict=True)
     ]
-    return MeasuredRoad(table, section_medians(table, _sections(inventory, found)), path, across, inventory.crs)
+    road = planes.height + ground.base
+    sight = sight_table(signs, path, road, joined(above.hides or [_NOTHING]), clouds.scheme.classes)
+    sections = section_medians(table, _sections(inventory, found))
+    return MeasuredRoad(table, sections, path, across, inventory.crs, sight)
 
 
 class _Above(NamedTuple):
@@ -175,11 +184,14 @@ class _Above(NamedTuple):
     envelope: tuple[float, float] | None
     at: Sequence[float]
     slices: list[list[pd.DataFrame]]  # By section
+    hides: list[Standing] | None  # What may hide a sign; None without signs
 
     @classmethod
-    def empty(cls, stations: int, envelope: tuple[float, float] | None, at: Sequence[float]) -> "_Above":
+    def empty(
+        cls, stations: int, envelope: tuple[float, float] | None, at: Sequence[float], *, hides: bool
+    ) -> "_Above":
         inside = Lowest.empty(0 if envelope is None else stations)
-        return cls(Lowest.empty(stations), inside, envelope, at, [[] for _ in at])
+        return cls(Lowest.empty(stations), inside, envelope, at, [[] for _ in at], [] if hides else None)
 
     def read(self, clouds: _Clouds, path: RoadPath, ground: Ground, planes: Planes, lane: NDArray[np.float64]) -> None:
         """Read all points; `lane` are the offsets between which points are over the road, shape (2, stations)."""
@@ -198,6 +210,9 @@ class _Above(NamedTuple):
                 width, top = self.envelope
                 near = (height >= FROM) & (height < top) & (np.abs(places.offset) < width / 2)
                 _add(self.inside, points, places, height, near)
+            if self.hides is not None:
+                own = np.unique(places.row[may_hide(height)])
+                self.hides.append(standing(points.xyz[own], points.label[own]))
 
 
 def _sections(inventory: RoadInventory, found: Trajectory) -> pd.DataFrame:
@@ -266,7 +281,7 @@ def _cross_section(
     points = pd.concat(parts, ignore_index=True)
     names = np.array([*scheme.classes, *[""] * (256 - len(scheme))], dtype=object)
     points = points.assign(**{"class": names[points["label"]]}).drop(columns="label")
-    row = int(station / STEP)
+    row = min(int(station / STEP), len(table) - 1)
     offset = (np.arange(CELLS) + 0.5) * CELL - CELLS * CELL / 2
     low, high = (float(table[f"{side}_offset"].iloc[row]) for side in ("left", "right"))
     within = (offset >= (low if np.isfinite(low) else -BESIDE)) & (offset <= (high if np.isfinite(high) else BESIDE))

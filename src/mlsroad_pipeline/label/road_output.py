@@ -7,7 +7,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.formats.files import write_atomic
 from mlsroad_pipeline.inventory_files.cross_sections import write_cross_section
 from mlsroad_pipeline.inventory_files.geopackage import check_closed
-from mlsroad_pipeline.inventory_files.road_files import LAYERS, SECTIONS, TABLE, write_road
+from mlsroad_pipeline.inventory_files.road_files import LAYERS, SECTIONS, SIGNS, TABLE, write_road
 from mlsroad_pipeline.label.road import MeasuredRoad
 from mlsroad_pipeline.reporting.road_page import road_page
 
@@ -19,7 +19,7 @@ PAGE = "road.html"
 
 def check_target(folder: Path, *, overwrite: bool) -> None:
     """Raise ParameterError where files would be replaced that may not be."""
-    if any((folder / name).exists() for name in (TABLE, SECTIONS, LAYERS, PAGE)) and not overwrite:
+    if any((folder / name).exists() for name in (TABLE, SECTIONS, SIGNS, LAYERS, PAGE)) and not overwrite:
         raise ParameterError(
             f"{folder} holds measures of a road: name another folder with --output, or replace them with --overwrite"
         )
@@ -33,7 +33,7 @@ def write_measures(found: MeasuredRoad, folder: Path, *, survey: str, envelope: 
         for path in folder.glob("section_*"):
             if _SECTION.fullmatch(path.name):
                 path.unlink()
-    written = write_road(found.table, found.sections, found.path, found.crs, folder)
-    write_atomic(folder / PAGE, road_page(found.table, found.sections, survey, envelope).encode())
+    written = write_road(found.table, found.sections, found.sight, found.path, found.crs, folder)
+    write_atomic(folder / PAGE, road_page(found.table, found.sections, found.sight, survey, envelope).encode())
     drawn = [path for section in found.across for path in write_cross_section(section, folder)]
     return [*written, folder / PAGE, *drawn]

@@ -164,13 +164,8 @@ def label_new_scene(
     labeller: Labeller | None = None,
 ) -> LabelledScene:
     """Label the points of a scene and extract the objects; ground parameters of the model take precedence."""
-    trained = bundle.metadata.get("parameters", {}).get("ground")
     scheme = bundle_scheme(bundle)
-    scene = with_given(aligned(scene, settings.moves), settings.given, scheme)
-    ground = ground_of_scene(scene, settings.ground if trained is None else GroundParameters(**trained))
-    soft = label_softly(bundle, scene.with_columns(**ground), labeller=labeller)
-    kinds = kind_probabilities(bundle, scene)
-    soft = soft._replace(confidence=soft.confidence * np.float32(trust(kinds)))
+    scene, ground, soft, kinds = labels_of_model(scene, bundle, settings, labeller=labeller)
     soft = labels_with_given(soft, scene, settings.given, scheme)
     scene, ground, soft = _without_context(scene, ground, soft)
     label, height, core = soft.labels, ground["height"], scene["core"]
@@ -195,6 +190,18 @@ def label_new_scene(
         "wires": wire_points(scene.xyz, height, wire_probability(evidence), core=core, origin=scene.origin),
         "markings": _markings(scene, label, height, scheme, settings.least_contrast),
     }
+
+
+def labels_of_model(
+    scene: PointCloud, bundle: ModelBundle, settings: LabelSettings, *, labeller: Labeller | None = None
+) -> tuple[PointCloud, Ground, SoftLabels, NDArray[np.float64] | None]:
+    """Return a scene with its given classes, its ground, the labels of a model alone, and the kinds of the scene."""
+    trained = bundle.metadata.get("parameters", {}).get("ground")
+    scene = with_given(aligned(scene, settings.moves), settings.given, bundle_scheme(bundle))
+    ground = ground_of_scene(scene, settings.ground if trained is None else GroundParameters(**trained))
+    soft = label_softly(bundle, scene.with_columns(**ground), labeller=labeller)
+    kinds = kind_probabilities(bundle, scene)
+    return scene, ground, soft._replace(confidence=soft.confidence * np.float32(trust(kinds))), kinds
 
 
 def scene_doubts(

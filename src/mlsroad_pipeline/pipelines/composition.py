@@ -20,12 +20,16 @@ _SHARED = {**dict.fromkeys(_STAGES, "stages"), **dict.fromkeys(_STUDIES, "study"
 _NO_PIPELINES = {*_OF_TASK.values(), *_SHARED.values(), "composition", "per_scene", "schemes", "training_facts"}
 """Modules beside the pipelines; every other module of the package is a pipeline of its name."""
 
+_OF_SEVERAL = ("describe_training_scenes", "gather_patch_training")
+"""Nodes that several methods share; their namespace is that of the task."""
+
 _NAMESPACES = {
     "simulate": "survey",
     "ingest": "survey",
     "evaluation": "evaluation.scores",
     "compare": "evaluation.tables",
     "report": "evaluation.report",
+    "object_recognition": "recognition",
 }
 """Namespaces of parts that are not named after their pipeline; few of them are shown at first."""
 
@@ -61,6 +65,13 @@ def create_pipeline(name: str) -> Pipeline:
     return created
 
 
+def named_pipeline(name: str) -> Pipeline:
+    """Return a pipeline as a command runs it: its nodes have the names that they have in comparisons."""
+    if name in {*comparison(), *all_parts(), *methods_of("recognition"), "object_recognition"}:
+        return joined({name: create_pipeline(name)})
+    return create_pipeline(name)
+
+
 def joined(parts: Mapping[str, Pipeline]) -> Pipeline:
     """Join pipelines: tag the nodes of each with its name and put them into its namespace; datasets keep their names.
 
@@ -77,14 +88,15 @@ def joined(parts: Mapping[str, Pipeline]) -> Pipeline:
 def _placed(node: Node, parts: Sequence[str]) -> Node:
     """Return a node in the namespace of its part, or in that of the task if several methods share it."""
     namespace = _namespace(parts[0])
-    if len(parts) > 1:
+    if len(parts) > 1 or node.name in _OF_SEVERAL:
         namespace = namespace.partition(".")[0]
     (placed,) = Pipeline([node], tags=parts, namespace=namespace, prefix_datasets_with_namespace=False).nodes
     return placed
 
 
 def _namespace(part: str) -> str:
-    """Return the namespace of a part of the default pipeline: methods are grouped by their task."""
+    """Return the namespace of a part: methods are grouped by their task."""
     if part in METHODS:
-        return f"{METHODS[part].task}.{part}"
+        task = METHODS[part].task
+        return task if task == "recognition" else f"{task}.{part}"  # recognisers are one part
     return _NAMESPACES.get(part, part)

@@ -6,6 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
+from mlsroad_pipeline.algorithms.inventory.road.sight import SIGHT_FIELDS
 from mlsroad_pipeline.algorithms.inventory.road.table import INTRUDED, ROAD_FIELDS
 from mlsroad_pipeline.reporting.figures import GRID, SERIES, empty_figure, tidy_axes
 from mlsroad_pipeline.reporting.html.report import build_report, facts_section, figures_section, table_section
@@ -56,7 +57,9 @@ def _objects(axes: Axes, sections: pd.DataFrame) -> None:
     axes.legend(frameon=False, fontsize=8, loc="upper right", ncols=4)
 
 
-def road_page(table: pd.DataFrame, sections: pd.DataFrame, survey: str, envelope: str | None) -> str:
+def road_page(
+    table: pd.DataFrame, sections: pd.DataFrame, sight: pd.DataFrame, survey: str, envelope: str | None
+) -> str:
     """Return the page of a road."""
     facts = {"survey": survey, "length in metres": len(table), "envelope": envelope or "none"}
     low = table[table["clearance"].notna()].nsmallest(_LOWEST, "clearance", keep="first")
@@ -68,6 +71,9 @@ def road_page(table: pd.DataFrame, sections: pd.DataFrame, survey: str, envelope
         table_section("Sections", sections),
         table_section(f"Lowest {_LOWEST} places above the carriageway", low[list(_LOW)].rename(columns=headings)),
     ]
+    if len(sight):
+        names = {name: field.alias for name, field in SIGHT_FIELDS.items()}
+        parts.append(table_section("Sight to signs", sight.sort_values("sight").rename(columns=names)))
     if envelope is not None:
         parts.append(table_section("Inside the envelope", inside[list(_INSIDE)].rename(columns=headings)))
     return build_report(parts, title="Road", subtitle=survey)

@@ -32,6 +32,8 @@ SUFFIXES = (".laz", ".las", ".npy", ".npz", ".label")
 _CLASS_MAPS = {".laz": "asprs", ".las": "asprs", ".label": "semantickitti"}
 _ARRAYS = ("probabilities", "labels", "classes")  # of an NPZ with several
 _TOLERANCE = 0.01
+FIT = "fit"
+"""Weight that is fitted on the points of the survey that have a class."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,8 @@ class GivenParameters:
     classes: str = "asprs"  # Class map of the files of the survey: a shipped one, a coding, or a CSV or YAML file
     labels: str | None = None  # Folder with a file of predictions per cloud
     labels_classes: str | None = None  # Class map of the predictions; None is that of their format
-    weight: float | None = None  # Weight of the predictions in a pool with a model, 0 to 1; None uses no model
+    # Weight of the predictions in a pool with a model, 0 to 1, or `FIT`; None uses no model
+    weight: float | str | None = None
 
     @classmethod
     def from_config(cls, given: Mapping[str, Any]) -> Self:
@@ -52,8 +55,9 @@ class GivenParameters:
         if unknown:
             known = ", ".join(cls.__dataclass_fields__)
             raise ParameterError(f"label.given has no parameter {unknown[0]!r} (parameters: {known})")
+        fits = given.get("weight") == FIT
         for name, needed in (("classes", "keep_classes"), ("labels_classes", "labels")):
-            if given.get(name) is not None and not given.get(needed):
+            if given.get(name) is not None and not given.get(needed) and not (fits and name == "classes"):
                 raise ParameterError(f"label.given.{name} has no effect: set label.given.{needed} too")
         keep = given.get("keep")
         return cls(**{**given, "keep": None if keep is None else _codes(keep)})
@@ -66,9 +70,9 @@ class GivenParameters:
         for name in ("classes", "labels", "labels_classes"):
             if not isinstance(getattr(self, name), str | None):
                 raise ParameterError(f"label.given.{name} must be a text, got {getattr(self, name)!r}")
-        weight = 0.5 if self.weight is None else self.weight
+        weight = 0.5 if self.weight in (None, FIT) else self.weight
         if isinstance(weight, bool) or not isinstance(weight, int | float) or not 0 < weight < 1:
-            raise ParameterError(f"label.given.weight must be a number between 0 and 1, got {self.weight!r}")
+            raise ParameterError(f"label.given.weight must be a number between 0 and 1, or fit; got {self.weight!r}")
         if self.weight is not None and self.labels is None:
             raise ParameterError("label.given.weight is that of predictions: set label.given.labels to their folder")
 
@@ -89,7 +93,7 @@ class GivenParameters:
     def check_class_maps(self, scheme: ClassScheme, codings: Mapping[str, Any]) -> None:
         """Raise ReadError for a class map that cannot be read, before the survey is."""
         for name, given in (("classes", self.classes), ("labels_classes", self.labels_classes)):
-            if given is not None and (self.keep_classes or name != "classes"):
+            if given is not None and (self.keep_classes or self.weight == FIT or name != "classes"):
                 with suppress(ParameterError):  # it may name classes of the scheme of a model, which is not known yet
                     read_class_map(given, scheme, option=f"label.given.{name}", codings=codings)
 
@@ -144,10 +148,11 @@ def given_columns(
 ) -> dict[str, NDArray]:
     """Return the columns of the given classes of a range of a file."""
     columns: dict[str, NDArray] = {}
-    if given.keep_classes:
+    if given.keep_classes or given.weight == FIT:
         own = next((cloud[name] for name in CLASS_COLUMNS if name in cloud), None)
         if own is None:
-            raise DataError(f"{path} has no column of classes to keep (label.given.keep_classes)")
+            what = "to keep (label.given.keep_classes)" if given.keep_classes else "to fit label.given.weight on"
+            raise DataError(f"{path} has no column of classes {what}")
         numbers = np.asarray(own).astype(np.int32)
         columns[KEPT] = numbers if given.keep is None else np.where(np.isin(numbers, given.keep), numbers, -1)
     if predictions is not None:

@@ -58,7 +58,7 @@ LEAST_SCORES = {"pole": 0.3, "sign": 0.5, "vehicle": 0.4, "tree": 0.4}
 """Least score of a listed object of a kind that `label.least_score` does not name: best F on simulated streets and
 known blocks of Oakland."""
 
-EXPORT_FORMATS = ("csv", "geojson", "flatgeobuf", "shapefile", "dxf")
+EXPORT_FORMATS = ("csv", "geojson", "flatgeobuf", "shapefile", "gml", "dxf")
 """Formats of `label.export`."""
 
 

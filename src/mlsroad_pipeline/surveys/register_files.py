@@ -12,6 +12,7 @@ import shapely
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.formats.crs import parse_crs
+from mlsroad_pipeline.formats.registry import format_of_name
 from mlsroad_pipeline.surveys.truth_tables import read_csv, typed_objects
 
 KINDS = ("pole", "sign", "tree")
@@ -21,6 +22,11 @@ COLUMNS = ("id", "kind", "x", "y", "height")
 TABLES = (".csv", ".txt")
 IGNORED = "-"
 """Kind of values that are left out."""
+
+
+def is_point_cloud(path: str) -> bool:
+    """Return whether a file is a point cloud by its name; a table is a register."""
+    return format_of_name(path) is not None and not path.lower().endswith(TABLES)
 
 
 @dataclass(frozen=True)
@@ -84,7 +90,11 @@ class RegisterFile:
                 f"{self.path}: no column 'kind' (has {', '.join(map(str, table))}): name it with --column kind=NAME, "
                 "or give all entries one with --kind"
             )
-        kinds = table["kind"].astype(str).str.strip()
+        kinds = table["kind"].astype(object).where(table["kind"].notna(), "").astype(str).str.strip()
+        if (kinds == "").any():
+            raise DataError(
+                f"{self.path}: entry {int((kinds == '').to_numpy().argmax()) + 1} has no kind: fill it in, or remove it"
+            )
         mapped = kinds.map(lambda value: self.kinds.get(value, value.lower()))
         unknown = sorted(set(kinds[~mapped.isin((*KINDS, IGNORED))]))
         if unknown:

@@ -25,7 +25,7 @@ def objects(rng):
         {"relative": False},
         {"window": (2.0, 4.0)},
         {"bilinear": True},
-        {"printed_rows": True},
+        {"printed": True},
     ],
 )
 def test_images_follow_the_definition(objects, sizes, options):
@@ -37,7 +37,7 @@ def test_images_follow_the_definition(objects, sizes, options):
 
 
 def test_rows_of_equation_4_leave_half_of_the_image_empty(objects):
-    image = compute_images(objects[:2], printed_rows=True)[0]
+    image = compute_images(objects[:2], printed=True)[0]
     assert not image[:, :, :8].any() and image[:, :, 8:].sum(axis=(2, 3))[:, 0] == pytest.approx(np.ones(2))
 
 

@@ -2,11 +2,11 @@ import gzip
 
 import numpy as np
 import pytest
+from helpers.ground_scores import score_ground
 from references import ground as references
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.ground.upward_growing import classify_ground
-from mlsroad_pipeline.algorithms.metrics.ground import score_ground
 
 OAKLAND_GROUND = [1200, 1202, 1203, 1204, 1205, 1206, 1301]
 OAKLAND_UNLABELLED = [1000, 1001, 1002, 1003, 1004, 1005, 9999]

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
+from helpers.ground_scores import score_ground
 from sklearn.metrics import cohen_kappa_score
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.metrics.ground import score_ground
 
 
 def test_equals_counting_and_scikit_learn(rng):

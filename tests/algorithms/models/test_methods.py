@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.algorithms.models.methods import METHODS, methods_of, needs_images, trained_methods
 
-PLACES = ("parameters", "use", "train", "label_cloud")
+PLACES = ("parameters", "use", "train")
 COMPOSED = ("pool", "corrected", "given_labels")
 
 
@@ -21,17 +21,18 @@ COMPOSED = ("pool", "corrected", "given_labels")
 def test_a_composed_method_has_functions_that_label_and_no_training(slug):
     method = METHODS[slug]
     assert method.composed and method.task == "labelling" and slug not in methods_of("labelling")
-    assert callable(method.load("label_cloud")) and callable(method.load("label_softly"))
+    assert callable(method.load("label_softly"))
 
 
 @pytest.mark.parametrize("slug", trained_methods())
 def test_all_places_of_a_method_exist(slug):
     method = METHODS[slug]
-    parameters, use, train, label = (method.load(part) for part in PLACES)
+    parameters, use, train = (method.load(part) for part in PLACES)
+    label = "label_softly" if method.label_softly else "label_cloud"
     assert method.slug == slug
     assert dataclasses.is_dataclass(parameters)
-    assert all(map(callable, (use, train, label)))
-    assert method.place("label_cloud").startswith("mlsroad_pipeline.")
+    assert all(map(callable, (use, train, method.load(label))))
+    assert method.place(label).startswith("mlsroad_pipeline.")
     if method.task == "detection":
         assert callable(method.load("describe"))
         assert hasattr(parameters(), method.description)

@@ -8,7 +8,7 @@ import geopandas as gpd
 import pyogrio
 import pytest
 import shapely
-from helpers.corrected import object_rows, write_inventory
+from helpers.corrected import object_rows, save_as_tables, write_inventory
 from typer.testing import CliRunner
 
 from mlsroad_pipeline.commands.app import app
@@ -25,7 +25,7 @@ def labelled(tmp_path_factory):
 @pytest.fixture
 def folder(labelled, tmp_path):
     shutil.copytree(labelled, tmp_path / "out")
-    shutil.copy(labelled / "inventory.gpkg", tmp_path / "edited.gpkg")
+    save_as_tables(labelled / "inventory.gpkg", tmp_path / "edited.gpkg")
     return tmp_path / "out"
 
 

@@ -4,6 +4,7 @@ import json
 import os
 import time
 
+import laspy
 import numpy as np
 import pytest
 from helpers.page_output import write_laz
@@ -11,6 +12,7 @@ from helpers.page_output import write_laz
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.execution.run_folder import entries_of
 from mlsroad_pipeline.execution.run_identity import finished_record
+from mlsroad_pipeline.formats.las.header import read_header, with_class_names
 from mlsroad_pipeline.review.corrections.kept_results import KEPT, changed_points, keep_results, move_table, put_back
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 
@@ -95,6 +97,21 @@ def test_points_that_change_are_counted_by_class(folder):
     assert sorted(counts.values()) == sorted(
         [(100, 120, 0, ""), (0, 80, 0, ""), (100, 0, 100, names[1]), (100, 100, 0, "")]
     )
+
+
+def test_names_of_classes_are_whole(folder):
+    learned(folder)
+    for path in (folder / "street.laz", folder / ".mlsroad" / KEPT / "results/street.laz"):
+        header = with_class_names(
+            read_header(path), {2: "paved ground and kerbs", 64: "Stra\u00dfenbeleuchtung", 5: "tree"}
+        )
+        las = laspy.read(path)
+        las.header.vlrs.extend(laspy.VLR(v.user_id, v.record_id, record_data=v.data) for v in header.vlrs[-1:])
+        las.write(path)
+    record = folder / ".mlsroad/two/run.json"
+    summary = {"classes": {"Stra\u00dfenbeleuchtung": 3, "paved ground and kerbs": 1}}
+    record.write_text(json.dumps({**json.loads(record.read_text()), "summary": summary}))
+    assert set(changed_points(folder)["class"]) == {"paved ground and kerbs", "tree", "6", "Stra\u00dfenbeleuchtung"}
 
 
 def test_a_table_of_moves_names_the_class_that_most_points_get():

@@ -1,21 +1,14 @@
 """Decisions about lines: found by kind and place, cut, joined, moved, drawn; measures that stay and that are unknown."""
 
-import shutil
-
-import geopandas as gpd
 import numpy as np
 import pandas as pd
-import pyogrio
 import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import line_row, line_table
-from mlsroad_pipeline.algorithms.inventory.objects.table import OBJECT_FIELDS, empty_table
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
-from mlsroad_pipeline.inventory_files.geopackage import write_geopackage
-from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 from mlsroad_pipeline.review.corrections import Correction, Decision
-from mlsroad_pipeline.review.corrections.line_decisions import edited_lines, line_states
+from mlsroad_pipeline.review.corrections.line_decisions import line_states
 
 PATH = Trajectory.from_positions(np.column_stack([np.linspace(0, 100, 30), np.full(30, -3.0), np.zeros(30)]))
 KERB = [[0.0, 0.0, 1.0], [10.0, 0.0, 1.1], [20.0, 0.0, 1.2]]
@@ -116,16 +109,3 @@ def test_a_drawn_line_can_be_moved_and_rejected():
 def test_shapes_that_are_none_are_refused(action, more, message):
     with pytest.raises(ParameterError, match=message):
         decision(action, "kerb", **more)
-
-
-def test_edited_lines_of_a_file_are_counted(tmp_path):
-    write_geopackage(RoadInventory(empty_table(OBJECT_FIELDS), "EPSG:25832", lines=LINES), tmp_path / "inventory.gpkg")
-    edited = tmp_path / "edited.gpkg"
-    shutil.copy(tmp_path / "inventory.gpkg", edited)
-    assert edited_lines(edited, tmp_path) == []
-    frame = gpd.read_file(edited, layer="kerbs")
-    moved = frame.assign(geometry=[frame.geometry[0], *frame.geometry[1:].translate(0.5, 0.0)])
-    pyogrio.write_dataframe(moved.iloc[1:], edited, layer="kerbs", driver="GPKG")
-    n = len(frame)
-    found = edited_lines(edited, tmp_path)
-    assert len(found) == 1 and f"lines: {n - 1} new or changed, {n} deleted" in found[0]

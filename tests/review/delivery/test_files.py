@@ -3,6 +3,7 @@
 import csv
 import re
 import shutil
+from xml.etree import ElementTree as ET
 
 import ezdxf
 import geopandas
@@ -11,10 +12,12 @@ import numpy as np
 import pyogrio
 import pytest
 from helpers.page_output import FILES, ORIGIN, write_output
+from helpers.wiring import REPOSITORY
 from typer.testing import CliRunner
 
 from mlsroad_pipeline.commands.app import app
 from mlsroad_pipeline.review.corrections import Correction, open_corrections
+from mlsroad_pipeline.review.delivery.files import SUFFIXES
 
 pytestmark = pytest.mark.filterwarnings("ignore:'crs' was not provided:UserWarning")  # the survey has none
 N_POINTS = 68_000
@@ -51,7 +54,7 @@ EXPECTED = {1: "pole", 3: "sign", 4: "pole", 5: "vehicle", 6: "pole", 7: "tree"}
 """Number and kind of the delivered objects."""
 
 
-@pytest.mark.parametrize("suffix", ["gpkg", "parquet", "csv", "fgb", "shp"])
+@pytest.mark.parametrize("suffix", ["gpkg", "parquet", "csv", "fgb", "shp", "gml"])
 def test_tables_have_the_corrected_objects(folder, tmp_path, suffix):
     target = tmp_path / f"mine.{suffix}"
     done = mlsroad("export", folder, "-o", target)
@@ -65,6 +68,21 @@ def test_tables_have_the_corrected_objects(folder, tmp_path, suffix):
     assert (status[1], status[4], status[6], status[7]) == ("split", "changed", "split", "added")
     assert sorted(path.name for path in tmp_path.iterdir())[0] == ("mine.cpg" if suffix == "shp" else f"mine.{suffix}")
     assert all(path.name.startswith("mine") for path in tmp_path.iterdir())
+
+
+def test_opendrive_has_the_corrected_objects_and_lines(folder, tmp_path):
+    done = mlsroad("export", folder, "-o", tmp_path / "mine.xodr")
+    assert done.exit_code == 0, done.output
+    road = ET.parse(tmp_path / "mine.xodr").find("road")
+    kinds = {int(node.get("id")): node.get("subtype") for node in road.find("objects") if node.get("id").isdigit()}
+    assert kinds | {int(node.get("id")): "sign" for node in road.find("signals")} == EXPECTED
+    assert [node.get("id") for node in road.iter("object")][-1] == "line_1"
+    assert "mine.xodr has no geoReference" in " ".join(done.output.split())
+
+
+def test_the_page_offers_every_format():
+    source = (REPOSITORY / "page/src/deliver.ts").read_text(encoding="utf-8")
+    assert set(re.findall(r'\["(\.\w+)", ', source)) == set(SUFFIXES) - {".json"}
 
 
 def test_several_files_after_one_option_and_a_drawing(folder, tmp_path):

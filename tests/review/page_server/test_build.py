@@ -56,3 +56,11 @@ def test_the_lock_file_names_no_registry():
     lock = json.loads((SOURCES / "package-lock.json").read_text(encoding="utf-8"))
     assert [name for name, entry in lock["packages"].items() if "resolved" in entry] == []
     assert all("integrity" in entry for name, entry in lock["packages"].items() if name)
+
+
+def test_no_source_of_the_page_imports_itself_through_others():
+    sources = {path.stem: path.read_text(encoding="utf-8") for path in (SOURCES / "src").glob("*.ts")}
+    needed = {name: {other for other in sources if f'from "./{other}"' in text} for name, text in sources.items()}
+    while free := [name for name, others in needed.items() if not others]:
+        needed = {name: others - set(free) for name, others in needed.items() if name not in free}
+    assert not needed

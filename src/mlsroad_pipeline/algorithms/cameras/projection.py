@@ -87,28 +87,9 @@ def _project(
 
 
 def sample_image(image: NDArray, pixels: NDArray[np.float64], rows: NDArray, *, fill: float = 0) -> NDArray:
-    """Return the values of an image at the pixels of points.
+    """Return the values of an image at the nearest pixels of points (`project_points`), `fill` for other rows.
 
-    Parameters
-    ----------
-    image : ndarray of shape (height, width) or (height, width, channels)
-        Labels, probabilities or colours.
-    pixels : ndarray of shape (n, 2), float64
-        Columns and rows, see `project_points`.
-    rows : ndarray of shape (n,), bool
-        Points to sample; all must lie inside the image.
-    fill : float, default 0
-        Value of the other points.
-
-    Returns
-    -------
-    ndarray of shape (n,) or (n, channels)
-        Values of the nearest pixels, dtype of `image`.
-
-    Raises
-    ------
-    DataError
-        If a point to sample lies outside the image, for example because the image does not have the size of the camera.
+    `DataError` if one of the rows lies outside the image.
     """
     out = np.full((len(pixels), *image.shape[2:]), fill, dtype=image.dtype)
     cells = np.floor(pixels[rows] + 0.5)

@@ -18,45 +18,14 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 
 @dataclass(frozen=True)
 class Coding:
-    """Mapping of the label codes of a dataset to taxonomy classes.
-
-    Parameters
-    ----------
-    name : str
-        Name of the coding in messages.
-    codes : mapping of int to str
-        Dataset code to taxonomy class, complete for the dataset.
-
-    Raises
-    ------
-    ParameterError
-        If a class is not in the taxonomy.
-    """
+    """Mapping of the label codes of a dataset to taxonomy classes."""
 
     name: str
     codes: Mapping[int, str]
 
     @classmethod
     def from_config(cls, name: str, config: Mapping[Any, str]) -> Coding:
-        """Build a coding from configuration, whose codes may be text.
-
-        Parameters
-        ----------
-        name : str
-            Name of the coding.
-        config : mapping
-            Dataset code to taxonomy class.
-
-        Returns
-        -------
-        Coding
-            The coding.
-
-        Raises
-        ------
-        ParameterError
-            If a code is not a whole number, or a class is not in the taxonomy.
-        """
+        """Build a coding from configuration, whose codes may be text."""
         if not isinstance(config, Mapping):
             raise ParameterError(f"coding {name!r} must map codes to taxonomy classes, got {config!r}")
         try:
@@ -72,24 +41,8 @@ class Coding:
                 raise ParameterError(f"coding {self.name!r}: code {code} names {class_name!r}, not in the taxonomy")
 
     def encode(self, codes: ArrayLike, *, source: str = "labels") -> NDArray[np.uint8]:
-        """Map dataset codes to taxonomy codes.
-
-        Parameters
-        ----------
-        codes : array-like of int, shape (n,)
-            Codes of the file.
-        source : str, default "labels"
-            Name of the file in the error message.
-
-        Returns
-        -------
-        ndarray of uint8, shape (n,)
-            Codes of `TAXONOMY`.
-
-        Raises
-        ------
-        UnknownClassError
-            If the coding lacks a code; the message gives the code, its count and the file.
+        """Map dataset codes to codes of `TAXONOMY`; `UnknownClassError` names an unknown code, its count and the
+        source.
         """
         values = np.asarray(codes).astype(np.int64)
         known = np.array(sorted(self.codes), dtype=np.int64)

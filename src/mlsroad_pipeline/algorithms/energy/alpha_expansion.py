@@ -2,7 +2,7 @@
 
 The energy of a labelling y is
 
-    E(y) = sum_i unary[i, y_i] + sum_e weights[e] * label_costs[y_i, y_j] - sum_e agreement[e, k] * [y_i = y_j = k]
+    E(y) = sum_i unary[i, y_i] + sum_e weights[e] * [y_i != y_j] - sum_e agreement[e, k] * [y_i = y_j = k]
 
 with the ends i and j of edge e. In an expansion of label alpha every node keeps its label or takes alpha; a minimum cut
 gives the best of these 2**n labellings. The labels are expanded cyclically until no expansion lowers the energy.
@@ -23,25 +23,7 @@ _LEAST_GAIN = 1e-10
 
 
 def initial_labels(unary: NDArray[np.float64], initial: ArrayLike | None) -> NDArray[np.int32]:
-    """Return the initial labels: those given, or the label of lowest unary cost of each node.
-
-    Parameters
-    ----------
-    unary : ndarray of float64, shape (n, l)
-        Unary costs.
-    initial : array-like of int, shape (n,), optional
-        Initial labels.
-
-    Returns
-    -------
-    ndarray of int32, shape (n,)
-        A new array.
-
-    Raises
-    ------
-    DataError
-        If `initial` has another shape, is not an integer array, or contains an invalid label.
-    """
+    """Return the initial labels, checked and copied, or else the label of lowest unary cost of each node."""
     if initial is None:
         return unary.argmin(axis=1).astype(np.int32)
     labels = np.asarray(initial)
@@ -60,30 +42,9 @@ def expand_in_turn(
     energy: Callable[[NDArray[np.int32]], float],
     move: Callable[[NDArray[np.int32], int], NDArray[np.bool_]],
 ) -> tuple[NDArray[np.int32], float]:
-    """Expand the labels cyclically until no expansion lowers the energy.
+    """Expand the labels cyclically until no expansion lowers the energy; return the labelling and its energy.
 
-    Parameters
-    ----------
-    labels : ndarray of int32, shape (n,)
-        Initial labels.
-    n_labels : int
-        Number of labels.
-    max_cycles : int
-        Maximum number of cycles over all labels.
-    energy : callable
-        Function of a labelling; returns its energy.
-    move : callable
-        Function of a labelling and alpha; returns the nodes that take alpha in the best expansion.
-
-    Returns
-    -------
-    tuple of (ndarray of int32, float)
-        The final labelling and its energy.
-
-    Raises
-    ------
-    ParameterError
-        If `max_cycles` is below 1.
+    `move` returns the nodes that take alpha in the best expansion of a labelling.
     """
     check_at_least(max_cycles, 1, "max_cycles")
     lowest = energy(labels)
@@ -106,7 +67,6 @@ def minimize(
     edges: ArrayLike,
     weights: ArrayLike,
     *,
-    label_costs: ArrayLike | None = None,
     agreement: ArrayLike | None = None,
     initial: ArrayLike | None = None,
     max_cycles: int = 100,
@@ -114,8 +74,8 @@ def minimize(
     """Minimise an energy of unary and pairwise terms by alpha-expansion.
 
     No expansion lowers the energy of the result. With two labels the result is the global minimum. With more labels and
-    without negative terms, its energy is at most 2 c times the minimum, where c is the ratio of the largest to the
-    smallest label cost (Boykov et al. 2001, Theorem 6.1). The result is deterministic.
+    without negative terms, its energy is at most twice the minimum (Boykov et al. 2001, Theorem 6.1). The result is
+    deterministic.
 
     Parameters
     ----------
@@ -124,9 +84,7 @@ def minimize(
     edges : array-like of int, shape (e, 2)
         Pairs of different nodes, each undirected edge once. The weights of repeated edges add up.
     weights : array-like of shape (e,) or a number
-        Factor of the label costs of each edge, at least 0. Larger weights give smoother labellings.
-    label_costs : array-like of shape (l, l), optional
-        Cost of two labels at the ends of an edge of weight 1, a metric; by default 1 for different labels (Potts).
+        Cost of different labels at the ends of each edge (Potts), at least 0. Larger weights give smoother labellings.
     agreement : array-like of shape (e, l), optional
         Reward of an edge if both ends have label k, at least 0, as in associative Markov networks.
     initial : array-like of int, shape (n,), optional
@@ -147,7 +105,7 @@ def minimize(
         If a shape does not match, a number is not finite, an edge is a loop or has an invalid node, `initial` has an
         invalid label, or a weight or agreement is negative.
     ParameterError
-        If `label_costs` is not a metric or `max_cycles` is below 1.
+        If `max_cycles` is below 1.
 
     Examples
     --------
@@ -155,7 +113,7 @@ def minimize(
     >>> labels.tolist(), energy
     ([0, 0, 0], 1.0)
     """
-    problem = PairwiseEnergy.checked(unary, edges, weights, label_costs, agreement)
+    problem = PairwiseEnergy.checked(unary, edges, weights, agreement)
     first = initial_labels(problem.unary, initial)
     number = near_numbers(problem.edges, len(problem.unary))
     if number is not None:

@@ -6,13 +6,12 @@ The formula of the energy is in `alpha_expansion`.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.geometry.graphs import check_edges
 
 
@@ -22,11 +21,11 @@ def _pair(
     a: int,
     b: int,
     weights: NDArray[np.float64],
-    label_costs: NDArray[np.float64],
     agreement: NDArray[np.float64],
 ) -> float:
-    cost = weights[e] * label_costs[a, b]
-    return cost - agreement[e, a] if a == b and len(agreement) else cost
+    if a != b:
+        return weights[e]
+    return -agreement[e, a] if len(agreement) else 0.0
 
 
 @njit(cache=True, nogil=True)
@@ -35,14 +34,13 @@ def _energy(
     unary: NDArray[np.float64],
     edges: NDArray[np.int32],
     weights: NDArray[np.float64],
-    label_costs: NDArray[np.float64],
     agreement: NDArray[np.float64],
 ) -> float:
     total = 0.0
     for i in range(len(labels)):
         total += unary[i, labels[i]]
     for e in range(len(edges)):
-        total += _pair(e, labels[edges[e, 0]], labels[edges[e, 1]], weights, label_costs, agreement)
+        total += _pair(e, labels[edges[e, 0]], labels[edges[e, 1]], weights, agreement)
     return total
 
 
@@ -53,7 +51,6 @@ def _move_terms(
     unary: NDArray[np.float64],
     edges: NDArray[np.int32],
     weights: NDArray[np.float64],
-    label_costs: NDArray[np.float64],
     agreement: NDArray[np.float64],
     gain: NDArray[np.float64],
     slack: NDArray[np.float64],
@@ -67,15 +64,15 @@ def _move_terms(
         slack[e] = 0.0
         if a == alpha and b == alpha:
             continue
-        both = _pair(e, alpha, alpha, weights, label_costs, agreement)
+        both = _pair(e, alpha, alpha, weights, agreement)
         if a == alpha:
-            gain[j] += both - _pair(e, alpha, b, weights, label_costs, agreement)
+            gain[j] += both - _pair(e, alpha, b, weights, agreement)
         elif b == alpha:
-            gain[i] += both - _pair(e, a, alpha, weights, label_costs, agreement)
+            gain[i] += both - _pair(e, a, alpha, weights, agreement)
         else:
-            neither = _pair(e, a, b, weights, label_costs, agreement)
-            first = _pair(e, alpha, b, weights, label_costs, agreement)
-            second = _pair(e, a, alpha, weights, label_costs, agreement)
+            neither = _pair(e, a, b, weights, agreement)
+            first = _pair(e, alpha, b, weights, agreement)
+            second = _pair(e, a, alpha, weights, agreement)
             # neither + c_i x_i + c_j x_j + s |x_i - x_j| takes these four values if s is at least 0.
             slack[e] = max(0.5 * (first + second - neither - both), 0.0)
             gain[i] += 0.5 * (first - second + both - neither)
@@ -92,31 +89,13 @@ def _finite(values: ArrayLike, shape: tuple[int, ...], name: str) -> NDArray[np.
     return array
 
 
-def _check_label_costs(label_costs: ArrayLike | None, n_labels: int) -> NDArray[np.float64]:
-    if label_costs is None:
-        return 1.0 - np.eye(n_labels)
-    costs = _finite(label_costs, (n_labels, n_labels), "label_costs")
-    if (costs != costs.T).any() or (np.diagonal(costs) != 0).any() or (costs < 0).any():
-        raise ParameterError("label_costs must be symmetric, not negative, and 0 on the diagonal")
-    for a, b in product(range(n_labels), repeat=2):
-        detour = costs[a] + costs[:, b]
-        if costs[a, b] > detour.min() * (1 + 1e-12):
-            via = int(detour.argmin())
-            raise ParameterError(
-                f"label_costs must be a metric: {costs[a, b]} from label {a} to {b} exceeds {detour[via]} by way of "
-                f"{via}, so an expansion of {via} would not be submodular"
-            )
-    return costs
-
-
 @dataclass(frozen=True)
 class PairwiseEnergy:
     """Validated energy of unary and pairwise terms."""
 
     unary: NDArray[np.float64]  # Cost of label k at node i
     edges: NDArray[np.int32]  # Ends of the edges
-    weights: NDArray[np.float64]  # Factors of the label costs
-    label_costs: NDArray[np.float64]  # Cost of two labels at the ends of an edge of weight 1
+    weights: NDArray[np.float64]  # Cost of different labels at the ends of an edge
     agreement: NDArray[np.float64]  # Reward of an edge if both ends have label k
 
     @classmethod
@@ -125,7 +104,6 @@ class PairwiseEnergy:
         unary: ArrayLike,
         edges: ArrayLike,
         weights: ArrayLike,
-        label_costs: ArrayLike | None = None,
         agreement: ArrayLike | None = None,
     ) -> PairwiseEnergy:
         """Validate the arguments of `minimize` and return the energy."""
@@ -146,8 +124,7 @@ class PairwiseEnergy:
         for values, name in ((factors, "weights"), (rewards, "agreement")):
             if (values < 0).any():
                 raise DataError(f"{name} must not be negative, got {values.min()}: the moves would not be submodular")
-        costs = _check_label_costs(label_costs, n_labels)
-        return cls(_finite(array, array.shape, "unary"), pairs.astype(np.int32), factors, costs, rewards)
+        return cls(_finite(array, array.shape, "unary"), pairs.astype(np.int32), factors, rewards)
 
     def renumbered(self, number: NDArray[np.int32], order: NDArray[np.integer]) -> PairwiseEnergy:
         """Return the same energy with other numbers of the nodes."""
@@ -159,10 +136,10 @@ class PairwiseEnergy:
 
     def of(self, labels: NDArray[np.int32]) -> float:
         """Return the energy of a labelling."""
-        return float(_energy(labels, self.unary, self.edges, self.weights, self.label_costs, self.agreement))
+        return float(_energy(labels, self.unary, self.edges, self.weights, self.agreement))
 
     def write_move(
         self, labels: NDArray[np.int32], alpha: int, gain: NDArray[np.float64], slack: NDArray[np.float64]
     ) -> None:
         """Write the binary energy of an expansion."""
-        _move_terms(labels, alpha, self.unary, self.edges, self.weights, self.label_costs, self.agreement, gain, slack)
+        _move_terms(labels, alpha, self.unary, self.edges, self.weights, self.agreement, gain, slack)

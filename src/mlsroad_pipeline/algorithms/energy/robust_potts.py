@@ -177,7 +177,6 @@ def minimize(
     weights: ArrayLike,
     cliques: Cliques,
     *,
-    label_costs: ArrayLike | None = None,
     agreement: ArrayLike | None = None,
     initial: ArrayLike | None = None,
     max_cycles: int = 100,
@@ -186,7 +185,7 @@ def minimize(
 
     Every expansion is optimal among all 2**n. No expansion lowers the energy of the result.
     """
-    pairs = PairwiseEnergy.checked(unary, edges, weights, label_costs, agreement)
+    pairs = PairwiseEnergy.checked(unary, edges, weights, agreement)
     n_nodes, n_labels = pairs.unary.shape
     if len(cliques) and cliques.uniform.shape[1] != n_labels:
         raise DataError(f"cliques have {cliques.uniform.shape[1]} labels, unary has {n_labels}")

@@ -19,25 +19,7 @@ Images = tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]
 
 
 def concatenate_objects(objects: Sequence[ArrayLike]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Concatenate the points of objects.
-
-    Parameters
-    ----------
-    objects : sequence of array-like of shape (n_i, 3)
-        Points of each object, metres.
-
-    Returns
-    -------
-    xyz : ndarray of float64, shape (n, 3)
-        The points, object by object.
-    indptr : ndarray of int64, shape (objects + 1,)
-        Start of the points of each object.
-
-    Raises
-    ------
-    DataError
-        If an object has no points, is not (n, 3) or is not finite; the message gives its index.
-    """
+    """Concatenate the points of objects; return them and the start of each object. Errors name the object's index."""
     arrays = [check_xyz(points, minimum=1, name=f"object {i}") for i, points in enumerate(objects)]
     indptr = np.zeros(len(arrays) + 1, dtype=np.int64)
     np.cumsum([len(points) for points in arrays], out=indptr[1:])
@@ -52,7 +34,7 @@ def compute_images(
     isotropic: bool = False,
     window: tuple[float, float] | None = None,
     bilinear: bool = False,
-    printed_rows: bool = False,
+    printed: bool = False,
     relative: bool = True,
     weights: Sequence[ArrayLike] | None = None,
     n_threads: int = 1,
@@ -63,7 +45,7 @@ def compute_images(
     2] again. HSSI counts points by height (row) and distance from the vertical axis (column): equations 3 and 4, read
     as row = floor((beta + 1) / k1) with beta = z - 1. VQAI counts points by x (row) and y (column): equations 5 and 6.
     VAAI sums, in the same cells, the cosine between the vertical and the line from (0, 0, -1) to the point: equations 7
-    to 9, with the square root that is missing in equation 7.
+    to 9, with the square root that is missing in equation 7 and cells of edge 2 / R, where equation 8 has 2 / R^2.
 
     Parameters
     ----------
@@ -84,9 +66,10 @@ def compute_images(
         1999). This makes images of objects with few points more stable. Outside the outermost cell centres, the weight
         goes to the nearest cells; the sum of an image is unchanged. By default a point counts only in its own cell
         (equations 4, 6 and 8).
-    printed_rows : bool, default False
-        Whether HSSI has the rows of equation 4 as printed, floor((beta + 2) / (2 k1)) with beta = z of equation 3.
-        Objects then fill the upper half of the rows alone.
+    printed : bool, default False
+        Whether equations 4, 7 and 8 are taken as printed. Rows of HSSI are floor((beta + 2) / (2 k1)) with beta = z of
+        equation 3, so that objects fill the upper half alone. The cosine of VAAI is divided by its denominator once
+        more, and its cells of edge 2 / R^2 put nearly all points into the last row and column.
     relative : bool, default True
         Whether to divide sums by the number of points of the object, which removes the dependence on distance (luo2019:
         no). The slices of VQAI add up to the whole.
@@ -115,32 +98,12 @@ def compute_images(
         each = each / np.repeat(counts, counts)
     return draw_images(
         xyz, indptr, each, sizes=sizes, isotropic=isotropic, window=window, bilinear=bilinear,
-        printed_rows=printed_rows, n_threads=n_threads,
+        printed=printed, n_threads=n_threads,
     )  # fmt: skip
 
 
 def concatenate_values(values: Sequence[ArrayLike], indptr: NDArray[np.int64], name: str) -> NDArray[np.float64]:
-    """Concatenate one value per point of objects.
-
-    Parameters
-    ----------
-    values : sequence of array-like of shape (n_i,)
-        Values of the points of each object.
-    indptr : ndarray of int64, shape (objects + 1,)
-        Start of the points of each object.
-    name : str
-        Name of the values in messages.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        The values.
-
-    Raises
-    ------
-    DataError
-        If there is not one finite value per point; the message gives the index of the object.
-    """
+    """Concatenate one finite value per point of objects; an error names the object's index."""
     if len(values) != len(indptr) - 1:
         raise DataError(f"{name} are given for {len(values)} of {len(indptr) - 1} objects")
     arrays = [
@@ -163,42 +126,10 @@ def draw_images(
     isotropic: bool,
     window: tuple[float, float] | None = None,
     bilinear: bool = False,
-    printed_rows: bool = False,
+    printed: bool = False,
     n_threads: int = 1,
 ) -> Images:
-    """Compute the images of concatenated, validated objects; see `compute_images`.
-
-    Parameters
-    ----------
-    xyz : ndarray of float64, shape (n, 3)
-        Finite points, object by object.
-    indptr : ndarray of int64, shape (objects + 1,)
-        Start of the points of each object.
-    weights : ndarray of float64, shape (n,)
-        Weight of each point.
-    sizes : tuple of int
-        Rows and columns of HSSI, VQAI and VAAI.
-    isotropic : bool
-        Whether to scale all axes by one factor.
-    window : tuple of float, optional
-        Half width and height of a common space, metres.
-    bilinear : bool, default False
-        Whether to distribute a point bilinearly over the four surrounding cells.
-    printed_rows : bool, default False
-        Whether HSSI has the rows of equation 4 as printed.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    hssi, vqai, vaai : ndarray of float32, shape (objects, 5, size, size)
-        The images.
-
-    Raises
-    ------
-    ParameterError
-        If a size or `n_threads` is below 1, or the window is not two lengths above 0.
-    """
+    """Compute the images of concatenated, validated objects; see `compute_images`."""
     if len(sizes) != 3 or min(sizes) < 1:
         raise ParameterError(f"sizes must be three numbers of at least 1, got {sizes!r}")
     half_width, height = (0.0, 0.0) if window is None else window
@@ -208,9 +139,7 @@ def draw_images(
     hssi, vqai, vaai = (np.zeros((n, N_PARTS, size, size), dtype=np.float32) for size in sizes)
 
     def draw(first: int, last: int) -> None:
-        _draw(
-            xyz, indptr, weights, hssi, vqai, vaai, isotropic, half_width, height, bilinear, printed_rows, first, last
-        )
+        _draw(xyz, indptr, weights, hssi, vqai, vaai, isotropic, half_width, height, bilinear, printed, first, last)
 
     run_in_chunks(draw, n, n_threads=n_threads)
     return hssi, vqai, vaai
@@ -257,6 +186,13 @@ def _add(
     sums[part, next_i * size + next_j] += weight * below * right
 
 
+@njit(cache=True, nogil=True, inline="always")
+def _cosine(height: float, flat: float, printed: bool) -> float:
+    """Return the cosine between the vertical and a line; as printed, equation 7 lacks the square root."""
+    square = height**2 + flat
+    return height / square if printed else height / np.sqrt(square)
+
+
 @njit(cache=True, nogil=True)
 def _draw(
     xyz: NDArray[np.float64],
@@ -269,7 +205,7 @@ def _draw(
     half_width: float,
     height: float,
     bilinear: bool,
-    printed_rows: bool,
+    printed: bool,
     begin: int,
     end: int,
 ) -> None:
@@ -290,17 +226,16 @@ def _draw(
             within = (z - part * (2.0 / _SLICES)) * _SLICES
             flat = x * x + y * y
             column = np.sqrt(flat) * 0.5 * n_h
-            per_unit, shift = (0.25 * n_h, 2.0) if printed_rows else (0.5 * n_h, 0.0)
+            per_unit, shift = (0.25 * n_h, 2.0) if printed else (0.5 * n_h, 0.0)
             _add(spin, 0, n_h, (z + shift) * per_unit, column, weight, bilinear)
             _add(spin, 1 + part, n_h, (within + shift) * per_unit, column, weight, bilinear)
             row, column = (x + 1.0) * 0.5 * n_q, (y + 1.0) * 0.5 * n_q
             _add(count, 0, n_q, row, column, weight, bilinear)
             _add(count, 1 + part, n_q, row, column, weight, bilinear)
-            row, column = (x + 1.0) * 0.5 * n_a, (y + 1.0) * 0.5 * n_a
-            cosine = weight * (z + 1.0) / np.sqrt((z + 1.0) ** 2 + flat)
-            _add(angle, 0, n_a, row, column, cosine, bilinear)
-            cosine = weight * (within + 1.0) / np.sqrt((within + 1.0) ** 2 + flat)
-            _add(angle, 1 + part, n_a, row, column, cosine, bilinear)
+            per_unit = 0.5 * n_a * (n_a if printed else 1)
+            row, column = (x + 1.0) * per_unit, (y + 1.0) * per_unit
+            _add(angle, 0, n_a, row, column, weight * _cosine(z + 1.0, flat, printed), bilinear)
+            _add(angle, 1 + part, n_a, row, column, weight * _cosine(within + 1.0, flat, printed), bilinear)
         for part in range(N_PARTS):
             _store(spin[part], hssi[k, part])
             _store(count[part], vqai[k, part])

@@ -14,19 +14,10 @@ from mlsroad_pipeline.algorithms.features.eigen import (
 from mlsroad_pipeline.algorithms.features.eigen_solver import solve_symmetric
 
 ORIENTATION_FEATURES = ("normal_z", "verticality", "direction_z")
-"""Columns of `describe_orientation`."""
+"""Features that do not change with a rotation about the vertical axis: the direction of a street has no influence."""
 _SOURCES = ("nz", "verticality", "direction_z")
 _DESCRIBED = [EIGEN_FEATURES.index(name) for name in (*SHAPE_FEATURES, *_SOURCES)]
 """Columns of eigenvalue features that `describe_shape` returns."""
-
-
-def describe_orientation(rows: NDArray[np.float32], names: tuple[str, ...]) -> NDArray[np.float32]:
-    """Return the orientation features from rows of eigenvalue features.
-
-    Only features invariant to rotation about the vertical axis are used, so that the direction of a street has no
-    influence.
-    """
-    return rows[:, [names.index(name) for name in _SOURCES]]
 
 
 def describe_shape(covariances: NDArray[np.float64], counts: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -13,17 +13,7 @@ from mlsroad_pipeline.algorithms.core.validation import check_at_least
 
 @dataclass(frozen=True)
 class ReliabilityTable:
-    """Confidences and correct predictions in equal-width bins of the confidence; tables of several scenes add up.
-
-    Parameters
-    ----------
-    counts : ndarray of int64, shape (b,)
-        Points of each bin.
-    hits : ndarray of int64, shape (b,)
-        Correctly predicted points of each bin.
-    confidences : ndarray of float64, shape (b,)
-        Sum of the confidences of each bin.
-    """
+    """Points, correct points and sum of confidences in equal-width bins of the confidence; tables of scenes add up."""
 
     counts: NDArray[np.int64]
     hits: NDArray[np.int64]
@@ -70,28 +60,9 @@ def _checked(confidence: ArrayLike, right: ArrayLike) -> tuple[NDArray[np.float6
 
 
 def reliability_table(confidence: ArrayLike, right: ArrayLike, *, n_bins: int = 15) -> ReliabilityTable:
-    """Count points and correct points in equal-width bins of the confidence.
+    """Count points and correct points in equal-width bins of the confidence (Guo et al. 2017 use 15).
 
-    Parameters
-    ----------
-    confidence : array-like of float, shape (n,)
-        Confidence of the predicted class, 0 to 1.
-    right : array-like of bool, shape (n,)
-        True for correctly predicted points.
-    n_bins : int, default 15
-        Number of bins. Guo et al. 2017 use 15. More bins resolve more and are noisier.
-
-    Returns
-    -------
-    ReliabilityTable
-        The table. A bin contains its lower end, the last one both ends.
-
-    Raises
-    ------
-    ParameterError
-        If `n_bins` is below 1.
-    DataError
-        If the shapes differ or a confidence is outside 0 to 1.
+    A bin contains its lower end, the last one both ends.
 
     Examples
     --------
@@ -110,26 +81,9 @@ def reliability_table(confidence: ArrayLike, right: ArrayLike, *, n_bins: int = 
 
 
 def auroc(confidence: ArrayLike, right: ArrayLike) -> float:
-    """Return the area under the ROC curve of the confidence as a detector of correct points.
+    """Return the area under the ROC curve of the confidence as a detector of correct points; NaN without both kinds.
 
     It is the probability that a random correct point has a higher confidence than a random wrong one; ties count half.
-
-    Parameters
-    ----------
-    confidence : array-like of float, shape (n,)
-        Confidence of the predicted class, 0 to 1.
-    right : array-like of bool, shape (n,)
-        True for correctly predicted points.
-
-    Returns
-    -------
-    float
-        0.5 for a confidence without information, 1 for a perfect one; NaN if all points are correct or all are wrong.
-
-    Raises
-    ------
-    DataError
-        If the shapes differ or a confidence is outside 0 to 1.
 
     Examples
     --------
@@ -148,23 +102,6 @@ def auroc(confidence: ArrayLike, right: ArrayLike) -> float:
 
 def brier_score(confidence: ArrayLike, right: ArrayLike) -> float:
     """Return the mean squared difference between confidence and correctness (Brier 1950).
-
-    Parameters
-    ----------
-    confidence : array-like of float, shape (n,)
-        Confidence of the predicted class, 0 to 1.
-    right : array-like of bool, shape (n,)
-        True for correctly predicted points.
-
-    Returns
-    -------
-    float
-        0 is best, 1 is worst; NaN without points.
-
-    Raises
-    ------
-    DataError
-        If the shapes differ or a confidence is outside 0 to 1.
 
     Examples
     --------

@@ -56,28 +56,8 @@ def match_detections(
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Match the detections of a class with its reference objects greedily, highest score first.
 
-    Parameters
-    ----------
-    overlaps : Overlaps
-        Overlaps of segments (the detections) and reference instances.
-    scores : array-like of shape (s,)
-        Score of each segment of `overlaps` for the class; NaN if it is not a detection.
-    wanted : array-like of shape (t,), bool
-        True for instances of `overlaps` of the class.
-    iou_threshold : float, default 0.5
-        Minimum IoU of a detection and an unmatched object.
-
-    Returns
-    -------
-    order : ndarray of int64, shape (d,)
-        Detected segments by descending score; ties by segment number.
-    right : ndarray of bool, shape (d,)
-        True for detections that match an object.
-
-    Raises
-    ------
-    DataError
-        If there is not one score per segment and one flag per instance.
+    A segment without a score is not a detection. Return the detected segments by descending score, ties by number, and
+    whether each matches an object.
     """
     values, objects = np.asarray(scores, dtype=np.float64), np.asarray(wanted, dtype=bool)
     if values.shape != overlaps.segments.shape or objects.shape != overlaps.instances.shape:
@@ -103,25 +83,7 @@ def match_detections(
 
 
 def count_detections(right: ArrayLike, n_objects: int) -> DetectionCounts:
-    """Count true positives, false positives and false negatives.
-
-    Parameters
-    ----------
-    right : array-like of shape (d,), bool
-        True for detections that match an object, see `match_detections`.
-    n_objects : int
-        Number of reference objects of the class.
-
-    Returns
-    -------
-    DetectionCounts
-        The counts.
-
-    Raises
-    ------
-    DataError
-        If there are more matches than objects.
-    """
+    """Count true positives, false positives and false negatives."""
     flags = np.asarray(right, dtype=bool)
     tp = int(flags.sum())
     if tp > n_objects:
@@ -132,27 +94,7 @@ def count_detections(right: ArrayLike, n_objects: int) -> DetectionCounts:
 def precision_recall_curve(
     scores: ArrayLike, right: ArrayLike, n_objects: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return precision and recall for falling thresholds of the score.
-
-    Parameters
-    ----------
-    scores : array-like of shape (d,)
-        Scores of the detections, in any order.
-    right : array-like of shape (d,), bool
-        True for detections that match an object.
-    n_objects : int
-        Number of reference objects, at least 1.
-
-    Returns
-    -------
-    threshold, precision, recall : ndarray of float64, shape (t,)
-        One entry per distinct score, descending: precision and recall of the detections with at least this score.
-
-    Raises
-    ------
-    DataError
-        If the lengths differ, there are no objects, or there are more matches than objects.
-    """
+    """Return the distinct scores, descending, and precision and recall of the detections with at least each score."""
     values, flags = np.asarray(scores, dtype=np.float64), np.asarray(right, dtype=bool)
     if values.shape != flags.shape:
         raise DataError(f"{values.shape} scores for {flags.shape} detections")

@@ -51,17 +51,5 @@ def scores_of_counts(counts: NDArray[np.int64]) -> GroundScores:
     )
 
 
-def score_ground(is_ground: ArrayLike, reference: ArrayLike, *, valid: ArrayLike | None = None) -> GroundScores:
-    """Return the scores of predicted ground points against a reference.
-
-    Examples
-    --------
-    >>> scores = score_ground([True, True, False, False], [True, True, True, False])
-    >>> scores.type_1, scores.type_2, scores.total, round(scores.kappa, 3)
-    (0.3333333333333333, 0.0, 0.25, 0.5)
-    """
-    return scores_of_counts(count_ground(is_ground, reference, valid=valid))
-
-
 def _ratio(part: float, whole: float) -> float:
     return part / whole if whole > 0 else float("nan")

@@ -38,31 +38,8 @@ def labelling_scores(
 ) -> pd.DataFrame:
     """Return the table of scores of one method on one split from a confusion matrix.
 
-    Parameters
-    ----------
-    matrix : ndarray of int, shape (C, C + 1) or (C, C)
-        A matrix of `confusion_matrix`.
-    method : str
-        Slug of the method.
-    split : str
-        Name of the split, such as ``"test"``.
-    classes : sequence of str, length C
-        Class names in label order.
-    given : sequence of str, optional
-        Classes that the method can predict; None is all. The others are NaN and excluded from means over classes; their
-        points count in overall accuracy and kappa.
-
-    Returns
-    -------
-    DataFrame
-        4 rows per class (`CLASS_METRICS`; support: true points of the class), then 4 rows of class ``"all"``
-        (`OVERALL_METRICS`; support: all scored points). Undefined values are NaN.
-
-    Raises
-    ------
-    DataError
-        If the matrix is not a confusion matrix of this number of classes, a class is called ``"all"``, two classes have
-        the same name, or a class of `given` is unknown.
+    Classes that are not in `given` cannot be predicted: they are NaN and excluded from means over classes; their points
+    count in overall accuracy and kappa.
     """
     figures = scores(matrix)
     if len(classes) != len(figures.support):
@@ -84,27 +61,8 @@ def labelling_scores(
 def recognition_scores(matrix: NDArray[np.integer], *, method: str, split: str, classes: Sequence[str]) -> pd.DataFrame:
     """Return the table of scores of one method on one split from a confusion matrix of objects.
 
-    Parameters
-    ----------
-    matrix : ndarray of int, shape (C, C + 1) or (C, C)
-        A matrix of `confusion_matrix`, one count per object.
-    method : str
-        Slug of the method.
-    split : str
-        Name of the split.
-    classes : sequence of str, length C
-        Class names in label order.
-
-    Returns
-    -------
-    DataFrame
-        Rows as `labelling_scores`, and ``weighted_f1`` of class ``"all"``: the mean F1 weighted by support, the
-        published score for the Sydney Urban Objects (Maturana and Scherer 2015).
-
-    Raises
-    ------
-    DataError
-        As `labelling_scores`.
+    Class ``"all"`` also has ``weighted_f1``, weighted by support: the published score for the Sydney Urban Objects
+    (Maturana and Scherer 2015).
     """
     table = labelling_scores(matrix, method=method, split=split, classes=classes)
     figures = scores(matrix)
@@ -128,26 +86,7 @@ def _of_given(figures: LabellingScores, classes: Sequence[str], given: Sequence[
 
 
 def check_scores(frame: pd.DataFrame, *, source: str = "scores") -> pd.DataFrame:
-    """Validate a table of scores and return it in its fixed types.
-
-    Parameters
-    ----------
-    frame : DataFrame
-        The table.
-    source : str, default "scores"
-        Name of the table in messages, usually its file.
-
-    Returns
-    -------
-    DataFrame
-        The same rows; text columns as objects of str, `value` float64, `support` int64, index 0 to n - 1.
-
-    Raises
-    ------
-    DataError
-        If the columns differ from `COLUMNS`, a name is missing, a metric is unknown, a value or a support is no
-        finite number (an undefined value is NaN), a support is negative, or a row is duplicated.
-    """
+    """Return a table of scores in its fixed types; `DataError` if columns, names, values or supports are wrong."""
     if tuple(frame.columns) != COLUMNS:
         raise DataError(f"{source}: columns must be {','.join(COLUMNS)}, got {','.join(map(str, frame.columns))}")
     table = frame.reset_index(drop=True).copy()
@@ -175,23 +114,9 @@ def check_scores(frame: pd.DataFrame, *, source: str = "scores") -> pd.DataFrame
 
 
 def scores_to_metrics(frame: pd.DataFrame) -> dict[str, dict[str, float]]:
-    """Return all defined scores as metrics for an experiment tracker, by method.
+    """Return all defined scores by method as metrics, ``<split>/<metric>`` or ``<split>/<metric>/<class>``.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        A table of scores.
-
-    Returns
-    -------
-    dict of str to dict of str to float
-        Per method, ``<split>/<metric>`` over all classes and ``<split>/<metric>/<class>`` to the value. Undefined
-        values are omitted; characters other than letters, digits, ``_``, ``-``, ``.``, space and ``/`` become ``_``.
-
-    Raises
-    ------
-    DataError
-        If the table is not a table of scores, or if two scores of a method have the same name.
+    Characters that MLflow does not take become ``_``.
     """
     table = check_scores(frame)
     metrics: dict[str, dict[str, float]] = {}
@@ -207,23 +132,7 @@ def scores_to_metrics(frame: pd.DataFrame) -> dict[str, dict[str, float]]:
 
 
 def summary(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return the scores over all classes, one row per method and split.
-
-    Parameters
-    ----------
-    frame : DataFrame
-        A table of scores of one or more methods.
-
-    Returns
-    -------
-    DataFrame
-        Index: method and split in order of appearance; columns: the metrics of class ``"all"`` that occur.
-
-    Raises
-    ------
-    DataError
-        If the table is not a table of scores.
-    """
+    """Return the scores over all classes, one row per method and split."""
     table = check_scores(frame)
     overall = table[table["class"] == ALL]
     wide = overall.pivot(index=["method", "split"], columns="metric", values="value")

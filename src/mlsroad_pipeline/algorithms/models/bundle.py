@@ -73,55 +73,17 @@ class ModelBundle:
 
 
 def arrays_under(arrays: Mapping[str, NDArray], prefix: str) -> dict[str, NDArray]:
-    """Return the arrays of one part of a model, such as a variant, by their plain names.
-
-    Parameters
-    ----------
-    arrays : mapping of str to ndarray
-        The arrays of the model.
-    prefix : str
-        First characters of the names of the part's arrays.
-
-    Returns
-    -------
-    dict of str to ndarray
-        The rest of the name to the array.
-    """
+    """Return the arrays whose names begin with a prefix, such as those of a variant, by the rest of the name."""
     return {name.removeprefix(prefix): values for name, values in arrays.items() if name.startswith(prefix)}
 
 
 def missing_attributes(bundle: ModelBundle, columns: Collection[str]) -> list[str]:
-    """Return the columns that a model was trained with and a survey lacks.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model; its metadata name the columns that it uses beside the coordinates as ``attributes``.
-    columns : collection of str
-        The survey's columns.
-
-    Returns
-    -------
-    list of str
-        Missing columns, such as ``["rgb"]``; none for a model without ``attributes``.
-    """
+    """Return the columns beside the coordinates that a model was trained with and a survey lacks."""
     return [name for name in bundle.metadata.get("attributes", ()) if name not in columns]
 
 
 def model_source(bundle: ModelBundle) -> dict[str, Any]:
-    """Return where a model comes from.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model; registered ones have ``registered``, those of the package ``shipped``, and those of a folder that
-        `label` was given ``stored`` in their metadata.
-
-    Returns
-    -------
-    dict of str to any
-        ``name``, ``version`` (empty for a model that is none of these) and, except for those, ``source``.
-    """
+    """Return name and version of a registered, shipped or stored model, else empty ones and its ``source``."""
     for source in ("registered", "shipped", "stored"):
         if source in bundle.metadata:
             return {**bundle.metadata[source], "source": source}
@@ -129,23 +91,7 @@ def model_source(bundle: ModelBundle) -> dict[str, Any]:
 
 
 def bundle_scheme(bundle: ModelBundle) -> ClassScheme:
-    """Return the class scheme that a model was trained on.
-
-    Parameters
-    ----------
-    bundle : ModelBundle
-        The model.
-
-    Returns
-    -------
-    ClassScheme
-        The scheme.
-
-    Raises
-    ------
-    ParameterError
-        If the model's metadata lack the scheme, or it is damaged.
-    """
+    """Return the class scheme that a model was trained on."""
     stored = bundle.metadata.get("scheme")
     if stored is None:
         raise ParameterError(f"model {bundle.slug!r} has no class scheme in its metadata: it cannot label a survey")
@@ -161,20 +107,7 @@ def bundle_scheme(bundle: ModelBundle) -> ClassScheme:
 
 
 def refuse_points(cloud: PointCloud, bundle: ModelBundle) -> NoReturn:
-    """Raise an error: a model that needs images cannot label points alone.
-
-    Parameters
-    ----------
-    cloud : PointCloud
-        Points.
-    bundle : ModelBundle
-        The model.
-
-    Raises
-    ------
-    ParameterError
-        Always.
-    """
+    """Raise an error: a model that needs images cannot label points alone."""
     raise ParameterError(f"{cloud.source}: model {bundle.slug!r} needs images; it cannot label points alone")
 
 

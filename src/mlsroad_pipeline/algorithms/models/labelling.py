@@ -44,9 +44,9 @@ def label_cloud(
     bundle: ModelBundle, cloud: PointCloud, *, labeller: Labeller | None = None
 ) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
     """Label a cloud with a model."""
-    if labeller is None:
-        labeller = method_of(bundle).load("label_cloud")
-    return _checked(bundle, cloud, *_applied(bundle, cloud, labeller))
+    if labeller is None and method_of(bundle).label_softly:
+        return label_softly(bundle, cloud)[:2]
+    return _checked(bundle, cloud, *_applied(bundle, cloud, labeller or method_of(bundle).load("label_cloud")))
 
 
 def label_softly(bundle: ModelBundle, cloud: PointCloud, *, labeller: Labeller | None = None) -> SoftLabels:

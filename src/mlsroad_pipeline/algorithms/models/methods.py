@@ -53,7 +53,7 @@ class Method:
         Function that trains a model; by default the one that patch labellers, detectors or recognisers share.
     label_cloud : str, optional
         Function that labels a cloud from raw coordinates on: ``(cloud, bundle)`` to labels and confidences. By default
-        the one that patch labellers, detectors or recognisers share.
+        the one that patch labellers, detectors or recognisers share. Not called where there is `label_softly`.
     label_softly : str, optional
         Function that labels a cloud and returns class probabilities too: see `labelling.SoftLabels`.
     group : str, optional
@@ -98,73 +98,22 @@ class Method:
     composed: bool = False
 
     def function(self, place: str) -> Any:
-        """Import a further function ``.module:name`` of the method's folder.
-
-        Parameters
-        ----------
-        place : str
-            Place below the folder of the method.
-
-        Returns
-        -------
-        callable
-            The function.
-        """
+        """Import a further function ``.module:name`` of the method's folder."""
         return load_place(f"{PACKAGE}.{self.folder}{place}")
 
     def place(self, part: str) -> str:
-        """Return the full place of a part.
-
-        Parameters
-        ----------
-        part : str
-            Field that names the part, such as ``"train"``.
-
-        Returns
-        -------
-        str
-            ``"module:name"``.
-        """
+        """Return the full place ``"module:name"`` of a part, such as ``"train"``."""
         module, name = (getattr(self, part) or _SHARED[self.task][part]).split(":")
         package = f"{PACKAGE}.{self.folder}" if module.startswith(".") else f"{PACKAGE}."
         return f"{package}{module}:{name}"
 
     def load(self, part: str) -> Any:
-        """Import a part.
-
-        Parameters
-        ----------
-        part : str
-            Field that names the part, such as ``"train"``.
-
-        Returns
-        -------
-        type or callable
-            The part.
-        """
+        """Import a part, such as ``"train"``."""
         return load_place(self.place(part))
 
 
 def load_place(place: str) -> Any:
-    """Import a class or function.
-
-    Parameters
-    ----------
-    place : str
-        ``"module:name"``.
-
-    Returns
-    -------
-    type or callable
-        The class or function.
-
-    Raises
-    ------
-    ModuleNotFoundError
-        If there is no such module.
-    AttributeError
-        If the module has no such name.
-    """
+    """Import the class or function of ``"module:name"``."""
     module, name = place.split(":")
     return getattr(import_module(module), name)
 
@@ -219,11 +168,11 @@ _TABLE = (
     Method(
         "superpoint_transformer", "labelling", "algorithms.models.superpoint_transformer",
         ".parameters:SuperpointTransformerParameters", ".labeller:label_scene", ".training:fit",
-        ".labeller:label_cloud", ".labeller:label_cloud_softly", context=15.0,
+        label_softly=".labeller:label_cloud_softly", context=15.0,
     ),
     Method(
         "boosted_trees", "labelling", "algorithms.models.boosted_trees", ".parameters:BoostedTreesParameters",
-        ".labeller:label_scene", ".training:fit", ".labeller:label_cloud", ".labeller:label_cloud_softly",
+        ".labeller:label_scene", ".training:fit", label_softly=".labeller:label_cloud_softly",
     ),
     Method(
         "image_labels", "labelling", "papers.tomic2019.image_labels", ".training_parameters:ImageLabelsParameters",
@@ -265,17 +214,15 @@ _TABLE = (
         ".recogniser:PointNetRecogniser",
     ),
     Method(
-        "pool", "labelling", "algorithms.models.pool", label_cloud=".labeller:label_cloud",
-        label_softly=".labeller:label_cloud_softly",
+        "pool", "labelling", "algorithms.models.pool", label_softly=".labeller:label_cloud_softly", composed=True
+    ),
+    Method(
+        "corrected", "labelling", "algorithms.models.boosted_trees", label_softly=".corrected:label_cloud_softly",
         composed=True,
     ),
     Method(
-        "corrected", "labelling", "algorithms.models.boosted_trees", label_cloud=".corrected:label_cloud",
-        label_softly=".corrected:label_cloud_softly", composed=True,
-    ),
-    Method(
-        "given_labels", "labelling", "algorithms.models.given_labels", label_cloud=".labeller:label_cloud",
-        label_softly=".labeller:label_cloud_softly", composed=True,
+        "given_labels", "labelling", "algorithms.models.given_labels", label_softly=".labeller:label_cloud_softly",
+        composed=True,
     ),
 )  # fmt: skip
 
@@ -289,36 +236,12 @@ def trained_methods() -> dict[str, Method]:
 
 
 def methods_of(task: Task, *, needs_images: bool = False) -> tuple[str, ...]:
-    """Return the slugs of the methods of a task that have a training of their own.
-
-    Parameters
-    ----------
-    task : str
-        ``labelling``, ``detection`` or ``recognition``.
-    needs_images : bool, default False
-        Whether the methods that need images are meant, or those that do without.
-
-    Returns
-    -------
-    tuple of str
-        Slugs in the order of the table.
-    """
+    """Return the slugs of the methods of a task that have a training of their own, with or without need of images."""
     return tuple(
         slug for slug, method in trained_methods().items() if (method.task, method.needs_images) == (task, needs_images)
     )
 
 
 def needs_images(slug: str) -> bool:
-    """Return whether models of a method need images; false for methods that are not in the table.
-
-    Parameters
-    ----------
-    slug : str
-        The method.
-
-    Returns
-    -------
-    bool
-        Whether a model of the method labels points through images.
-    """
+    """Return whether models of a method need images; false for methods that are not in the table."""
     return slug in METHODS and METHODS[slug].needs_images

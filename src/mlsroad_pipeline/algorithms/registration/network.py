@@ -51,14 +51,7 @@ def adjust(
 ) -> list[Move]:
     """Return the move of each recording; the one that most others agree with stays, the first among equals.
 
-    Parameters
-    ----------
-    middles : NDArray[np.float64] of shape (n, 3)
-        Middle of each recording, about which it is turned.
-    offsets : mapping of pairs to Offset
-        Offset of the second recording of a pair (moving) from the first (fixed).
-    same_pass : NDArray of shape (n,)
-        Number of the pass of each recording; files of one pass stay together where nothing measures them.
+    A recording is turned about its middle. Files of one pass stay together where nothing measures them.
     """
     reference = 0
     for _ in range(2):

@@ -52,24 +52,11 @@ FLOOR = 0.003
 
 @dataclass(frozen=True)
 class Offset:
-    """Shift and turn that move one recording onto another.
+    """Shift and turn that move one recording onto another, with standard errors; metres and radians.
 
-    Attributes
-    ----------
-    shift : NDArray[np.float64] of shape (3,)
-        Shift in metres, to be added to the moving points; NaN in plan or in height where nothing measures it.
-    error : NDArray[np.float64] of shape (3,)
-        Standard errors, NaN like `shift`.
-    n_surfaces : int
-        Number of matched patches and pieces of poles.
-    heading : float
-        Turn about the vertical through `pivot`, radians anticlockwise, before the shift; 0 unless significant.
-    heading_error : float
-        Its standard error, NaN where it was not measured.
-    pivot : NDArray[np.float64] of shape (3,)
-        Middle of the matched surfaces.
-    seam : bool
-        Whether the recordings only border on each other, and the height is that of the ground on both sides.
+    A shift is NaN, and so is its error, in plan or in height where nothing measures it. The turn, about the vertical
+    through `pivot` and before the shift, is 0 unless significant. A `seam` is where recordings only border on each
+    other, and the height is that of the ground on both sides.
     """
 
     shift: NDArray[np.float64]
@@ -95,26 +82,9 @@ def find_offset(
 ) -> Offset | None:
     """Return the offset of a recording from another of the same place, or None where nothing measures it.
 
-    Parameters
-    ----------
-    fixed, moving : NDArray of shape (n, 3) and (m, 3)
-        Points of the two recordings relative to one origin near them, metres. Ten points per cell of 0.5 m suffice.
-        Moving objects should be left out where they are known; a few of them do not matter.
-    heading : bool, default True
-        Whether a turn about the vertical is looked for.
-    largest_plan, largest_height : float, default 2.2, 50.0
-        Largest shift that is looked for, metres.
-
-    Returns
-    -------
-    Offset or None
-        None without common ground and without common upright surfaces. The plan is measured where upright surfaces of
-        two directions, or poles, lie at four places at least.
-
-    Raises
-    ------
-    ParameterError
-        If a limit is not positive.
+    Points are relative to one origin near them; ten per cell of 0.5 m suffice. The plan is measured where upright
+    surfaces of two directions, or poles, lie at four places at least. Moving objects should be left out where they are
+    known.
 
     Examples
     --------

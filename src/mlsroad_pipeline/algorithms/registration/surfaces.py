@@ -37,17 +37,7 @@ ALONE = 0.8
 
 @dataclass(frozen=True)
 class Surfaces:
-    """Patches and pieces of poles.
-
-    Attributes
-    ----------
-    centre : NDArray[np.float64] of shape (n, 3)
-        Mean of the points of each patch.
-    normal : NDArray[np.float64] of shape (n, 3)
-        Unit normals, with either sign.
-    pole : NDArray[np.float64] of shape (m, 3)
-        Axis of each pole in each layer of `CELL` metres: its place in plan and the middle of the layer.
-    """
+    """Patches (mean, unit normal of either sign), and the axis of each pole in each layer of `CELL` metres."""
 
     centre: NDArray[np.float64]
     normal: NDArray[np.float64]
@@ -91,17 +81,9 @@ def turn_of(heading: float) -> NDArray[np.float64]:
 
 
 def find_surfaces(xyz: NDArray[np.floating]) -> Surfaces:
-    """Return the patches and poles of a cloud.
+    """Return the patches and poles of a cloud, whose coordinates are relative to an origin near the points.
 
-    Parameters
-    ----------
-    xyz : NDArray of shape (n, 3)
-        Coordinates relative to an origin near the points, metres.
-
-    Returns
-    -------
-    Surfaces
-        Patches are cells of 0.5 m whose points lie within 0.03 m of a plane. Plants and edges have none.
+    Patches are cells of 0.5 m whose points lie within 0.03 m of a plane. Plants and edges have none.
     """
     cells = sort_into_cells(xyz, origin=np.zeros(3), size=CELL)
     counts = np.diff(cells.starts)

@@ -17,16 +17,9 @@ from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class SplitPart:
-    """Part of its files that belongs to a split.
+    """Part of its files that belongs to a split: a section `along` the trajectory, or sectors of azimuth in degrees.
 
-    Parameters
-    ----------
-    along : tuple of two floats, optional
-        Start and end along the trajectory: fractions if both are at most 1, metres otherwise.
-    sectors : tuple of (from, to), optional
-        Sectors of azimuth of a single scan, degrees counterclockwise from the x axis.
-    gap : float, default 5.0
-        Gap between neighbouring splits that belongs to neither: metres along the trajectory, degrees between sectors.
+    A `gap` between neighbouring splits belongs to neither: metres along the trajectory, degrees between sectors.
     """
 
     along: tuple[float, float] | None = None
@@ -43,25 +36,7 @@ class SplitPart:
         return self.along is None and self.sectors is None
 
     def mask(self, cloud: PointCloud, corridor: Corridor) -> NDArray[np.bool_]:
-        """Return which points belong to the part.
-
-        Parameters
-        ----------
-        cloud : PointCloud
-            Points of a file of the split.
-        corridor : Trajectory, MainAxis or None
-            Corridor of the survey.
-
-        Returns
-        -------
-        ndarray of bool, shape (n,)
-            True for points of the part.
-
-        Raises
-        ------
-        DataError
-            If `along` is set and the corridor is not a trajectory.
-        """
+        """Return which points belong to the part."""
         keep = np.ones(len(cloud), dtype=np.bool_)
         if self.along is not None:
             if not isinstance(corridor, Trajectory):
@@ -74,24 +49,9 @@ class SplitPart:
 
 
 def split_config(value: Any) -> tuple[list[str], SplitPart]:
-    """Return the file patterns and the part of a configured split.
+    """Return the file patterns and the part of a configured split: a glob, several, or a mapping.
 
-    Parameters
-    ----------
-    value : str, sequence of str or mapping
-        A glob, several, or ``{files: [globs], along: [from, to], sectors: [[from, to], ...], gap: metres or degrees}``.
-
-    Returns
-    -------
-    globs : list of str
-        Globs below the root of the survey.
-    part : SplitPart
-        Part of those files.
-
-    Raises
-    ------
-    ParameterError
-        If a key is unknown, or the value has another type.
+    Its keys are ``files``, ``along: [from, to]``, ``sectors: [[from, to], ...]`` and ``gap``.
     """
     if isinstance(value, str):
         return [value], SplitPart()
@@ -113,29 +73,10 @@ def split_config(value: Any) -> tuple[list[str], SplitPart]:
 
 
 def select_along(station: ArrayLike, *, length: float, along: Sequence[float], gap: float = 0.0) -> NDArray[np.bool_]:
-    """Select the points of a section of the trajectory.
+    """Select the points of a section of the trajectory: fractions if both ends are at most 1, metres otherwise.
 
-    Parameters
-    ----------
-    station : array-like of shape (n,)
-        Stations of the points, metres, from `Trajectory.locate`.
-    length : float
-        Length of the trajectory, metres.
-    along : sequence of two floats
-        Start and end: fractions of the length if both are at most 1, metres otherwise.
-    gap : float, default 0.0
-        Metres between neighbouring sections that belong to neither, half on each side. There is no gap at the ends of
-        the trajectory: a section that starts at 0 or ends at `length` includes the points beyond.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        True for points of the section.
-
-    Raises
-    ------
-    ParameterError
-        If `along` is not two numbers with 0 <= from < to, or `gap` is negative or not finite.
+    Half the gap lies on each side. There is none at the ends of the trajectory: a section that starts at 0 or ends at
+    `length` includes the points beyond.
     """
     stations = np.asarray(station, dtype=np.float64)
     first, last = _along_metres(along, length)
@@ -152,31 +93,7 @@ def select_sectors(
     gap_degrees: float = 0.0,
     centre: ArrayLike = (0.0, 0.0, 0.0),
 ) -> NDArray[np.bool_]:
-    """Select the points of a single scan in sectors of azimuth.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Coordinates, metres.
-    sectors : sequence of [from, to]
-        Degrees, counterclockwise from the x axis; ``[300, 60]`` crosses 0, ``[0, 360]`` is the full circle.
-    gap_degrees : float, default 0.0
-        Degrees between neighbouring sectors that belong to neither, half on each side.
-    centre : array-like of shape (3,), default zeros
-        Position of the scanner, in the coordinates of `xyz`.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        True for points in one of the sectors.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3) or has NaN or infinite coordinates.
-    ParameterError
-        If a sector is not two finite numbers or is empty, or `gap_degrees` is negative or not finite.
-    """
+    """Select the points of a scan in sectors: degrees counterclockwise from the x axis; ``[300, 60]`` crosses 0."""
     points = check_xyz(xyz)
     _check_gap(gap_degrees, "gap_degrees")
     middle = np.asarray(centre, dtype=np.float64)
@@ -192,20 +109,7 @@ def select_sectors(
 
 
 def check_splits_along(splits: Mapping[str, Sequence[float]], *, length: float) -> None:
-    """Check that sections of the trajectory do not overlap.
-
-    Parameters
-    ----------
-    splits : mapping of str to [from, to]
-        Section of each split, as in `select_along`.
-    length : float
-        Length of the trajectory, metres.
-
-    Raises
-    ------
-    ParameterError
-        If a section is malformed or two sections overlap; the message names their splits.
-    """
+    """Check that sections of the trajectory, as in `select_along`, do not overlap."""
     parts = sorted((*_along_metres(along, length), name) for name, along in splits.items())
     for (_, last, one), (first, _, other) in pairwise(parts):
         if first < last:
@@ -213,18 +117,7 @@ def check_splits_along(splits: Mapping[str, Sequence[float]], *, length: float) 
 
 
 def check_splits_sectors(splits: Mapping[str, Sequence[Sequence[float]]]) -> None:
-    """Check that sectors do not overlap.
-
-    Parameters
-    ----------
-    splits : mapping of str to sequence of [from, to]
-        Sectors of each split, degrees, as in `select_sectors`.
-
-    Raises
-    ------
-    ParameterError
-        If a sector is malformed or two sectors overlap; the message names their splits.
-    """
+    """Check that sectors, as in `select_sectors`, do not overlap."""
     sectors = [(*_sector(sector), name) for name, group in splits.items() for sector in group]
     for i, (start, width, one) in enumerate(sectors):
         for other_start, other_width, other in sectors[i + 1 :]:

@@ -8,12 +8,11 @@ import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy import stats
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.metrics.scores import ALL, COLUMNS, check_scores
 from mlsroad_pipeline.papers.shared.studies.figures import draw_panels, name_axes
-from mlsroad_pipeline.papers.shared.studies.study import paired_interval
+from mlsroad_pipeline.papers.shared.studies.study import holm, p_value, paired_interval
 from mlsroad_pipeline.reporting.figures import SERIES
 from mlsroad_pipeline.reporting.html.report import Section, facts_section, figures_section, table_section
 
@@ -87,27 +86,10 @@ def paired_differences(scores: pd.DataFrame, task: Task) -> pd.DataFrame:
     for other in ordered[1:]:
         difference = (wide[ordered[0]] - wide[other]).to_numpy()
         mean, low, high, n = paired_interval(difference)
-        rows.append((ordered[0], other, mean, low, high, _p_value(difference), int((difference > 0).sum()), n))
+        rows.append((ordered[0], other, mean, low, high, p_value(difference), int((difference > 0).sum()), n))
     columns = ["best", "other", "difference", "low", "high", "p", "ahead", "streets"]
     differences = pd.DataFrame(rows, columns=columns)
-    return differences.assign(p=_holm(differences["p"].to_numpy(np.float64)))
-
-
-def _p_value(difference: NDArray[np.floating]) -> float:
-    known = difference[np.isfinite(difference)]
-    if len(known) < 2 or np.ptp(known) == 0:
-        return float("nan")
-    return float(stats.ttest_1samp(known, 0.0).pvalue)
-
-
-def _holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Correct p values for multiple comparisons (Holm 1979); NaN values are not counted and stay NaN."""
-    adjusted = np.full(len(p), np.nan)
-    known = np.flatnonzero(np.isfinite(p))
-    order = known[np.argsort(p[known], kind="stable")]
-    factors = np.arange(len(order), 0, -1)
-    adjusted[order] = np.minimum(np.maximum.accumulate(p[order] * factors), 1.0)
-    return adjusted
+    return differences.assign(p=holm(differences["p"].to_numpy(np.float64)))
 
 
 def mean_scores(scores: pd.DataFrame) -> pd.DataFrame:

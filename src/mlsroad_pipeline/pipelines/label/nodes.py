@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -46,11 +47,13 @@ from mlsroad_pipeline.label.runs import open_run
 from mlsroad_pipeline.label.scene import LabelSettings, object_rules
 from mlsroad_pipeline.label.summary import LabelSummary, summarise_labels
 from mlsroad_pipeline.label.tasks import label_tasks, planned_outputs
+from mlsroad_pipeline.label.weight_fit import fitted_weight
 from mlsroad_pipeline.label.written_file import code_names, output_codes, write_file
 from mlsroad_pipeline.model_store.bundle_files import ModelFile
 from mlsroad_pipeline.model_store.object_classifiers import classifier_digest
 from mlsroad_pipeline.model_store.registered_models import configured_store
 from mlsroad_pipeline.reporting.html.report import build_report
+from mlsroad_pipeline.surveys.given_classes import FIT
 from mlsroad_pipeline.surveys.offset_warnings import offset_warnings
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.pass_offsets import SurveyOffsets
@@ -165,7 +168,11 @@ def label_new_scenes(
     settings = LabelSettings(codes, rules, ground, ingest.outliers, classifier_digest(), limits, contrast, given)
     cut = ingest.with_context(context_of(bundle))
     moves = moves_of_passes(plan, offsets, bundle) if parameters.align_passes else {}
-    return label_tasks(plan, pieces, corridors, model, images, cut, settings, moves)
+    tasks = label_tasks(plan, pieces, corridors, model, images, cut, settings, moves)
+    if given is None or given.weight != FIT:
+        return tasks
+    pooled = replace(given, weight=fitted_weight(tasks, bundle, plan.given, classes["codings"]))
+    return label_tasks(plan, pieces, corridors, model, images, cut, replace(settings, given=pooled), moves)
 
 
 def join_label_objects(

@@ -95,6 +95,22 @@
     if (input.checked) hidden.delete(kind); else hidden.add(kind);
   }));
   scaleBar(); window.addEventListener("resize", scaleBar);
+  const isServed = location.protocol.startsWith("http") && location.pathname === "/report";
+  const toPage = target => {
+    const link = document.createElement("a");
+    link.href = `/go?${target}`; link.textContent = "open"; link.title = "Open it in the page of the survey";
+    return link;
+  };
+  if (isServed) document.querySelectorAll("table:not(#objects)").forEach(other => {
+    const heads = [...other.querySelectorAll("th")].map(head => head.textContent);
+    const [line, x, y, z] = ["line id", "x", "y", "z"].map(name => heads.indexOf(name));
+    if (line < 0 && Math.min(x, y, z) < 0) return;
+    other.querySelectorAll("tbody tr").forEach(row => {
+      const number = k => row.cells[k].textContent.replaceAll("\u202f", "");
+      const target = line < 0 ? `place=${[x, y, z].map(number)}` : `line=${number(line)}`;
+      row.cells[Math.max(line, 0)].append(" ", toPage(target));
+    });
+  });
   if (!form) return;
   let order = null, down = false, limit = 100;
   const more = document.getElementById("object-more"), count = document.getElementById("object-count");
@@ -131,7 +147,7 @@
             show([x - size / 2, y - full[3] * k / 2, size, full[3] * k]);
             map.scrollIntoView({block: "center"});
           });
-          entry.append(button);
+          entry.append(button, ...(isServed ? [" ", toPage(`object=${value}`)] : []));
         } else entry.textContent = text(value);
         line.append(entry);
       });

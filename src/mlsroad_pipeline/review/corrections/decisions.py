@@ -190,22 +190,7 @@ class Decision:
 def check_values(
     correction: Correction, *, place: tuple[float, float] | None = None, classes: Collection[str] | None = None
 ) -> None:
-    """Check kind, class, places and texts of a new decision, of the page and of an import.
-
-    Parameters
-    ----------
-    correction : Correction
-        The decision.
-    place : tuple of float, optional
-        Base point x, y of its object.
-    classes : collection of str, optional
-        Known names of classes and kinds.
-
-    Raises
-    ------
-    ParameterError
-        If a value is unknown, cannot be written or is implausible.
-    """
+    """Check kind, class, places and texts of a new decision, of the page and of an import."""
     for what, text in (("kind", correction.kind), ("class", correction.payload.get("class"))):
         correction._need(
             text is None or _is_name(text),

@@ -1,6 +1,7 @@
 """Layers of an edited GeoPackage as rows, and what of them cannot be compared with the inventory."""
 
 import sqlite3
+from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -13,19 +14,40 @@ import shapely
 from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_LAYERS
 from mlsroad_pipeline.inventory_files.crs_checks import is_other_system
+from mlsroad_pipeline.inventory_files.geopackage_views import own_views
 from mlsroad_pipeline.inventory_files.road_inventory import LAYERS
 
 TEXT = ("status", "checked_class", "class", "kind")
 """Fields whose edits are corrections."""
 
 _SHAPEFILE = 10  # characters of a name in a Shapefile
+OBJECTS = ("objects", *LAYERS)
+"""Layers of objects."""
+
 _NEEDED = ("object_id", "kind", "x", "y", "z")
+_OF_LINES = ("line_id", "kind", "x", "y")
 _WAL = 2  # version of the format in the header of an SQLite file with a write-ahead log
 
 
 def read_layers(path: Path, system: CRS | None, notes: list[str]) -> dict[str, gpd.GeoDataFrame]:
-    """Return the layers of an inventory; `notes` gets a sentence for each part that cannot be compared."""
+    """Return the layers of objects; `notes` gets a sentence for each part that cannot be compared."""
+    read = _read(path, notes)
+    layers = {name: _checked(path, name, frame, system, _NEEDED) for name, frame in read.items() if name in OBJECTS}
+    for name, frame in layers.items():
+        notes += [f"layer {name!r} has no field {column!r}" for column in TEXT if column not in frame]
+    return layers
+
+
+def read_line_layers(path: Path, system: CRS | None, notes: list[str]) -> dict[str, gpd.GeoDataFrame]:
+    """Return the layers of lines."""
+    read = _read(path, notes)
+    return {name: _checked(path, name, frame, system, _OF_LINES) for name, frame in read.items() if name in LINE_LAYERS}
+
+
+def _read(path: Path, notes: list[str]) -> dict[str, Any]:
+    """Return the layers of an inventory as they are."""
     if not path.is_file():
         raise ReadError(f"{path}: no such GeoPackage")
     notes += _missing_log(path)
@@ -33,9 +55,13 @@ def read_layers(path: Path, system: CRS | None, notes: list[str]) -> dict[str, g
         with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as base:
             base.execute("SELECT table_name FROM gpkg_contents").fetchall()  # GDAL prints errors of its own
             views = {name for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'view'")}
+            own = own_views(base)  # edits in them have reached `objects`
         names = [str(name) for name in pyogrio.list_layers(path)[:, 0]]
-        chosen = [name for name in ("objects", *LAYERS) if name in names]
-        layers = {name: gpd.read_file(path, layer=name, on_invalid="ignore") for name in chosen if name not in views}
+        chosen = [name for name in (*OBJECTS, *LINE_LAYERS) if name in names and name not in own]
+        options = {"on_invalid": "ignore", "fid_as_index": True}
+        layers = {name: gpd.read_file(path, layer=name, **options) for name in chosen if name not in views}
+        if "vehicles" in own:
+            layers["objects"] = _with_boxes(layers["objects"], path)
     except (sqlite3.Error, pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, ValueError) as error:
         raise ReadError(f"{path}: not a GeoPackage: {' '.join(str(error).split())}") from error
     if views.intersection(chosen):
@@ -43,9 +69,17 @@ def read_layers(path: Path, system: CRS | None, notes: list[str]) -> dict[str, g
         raise ReadError(f"{path}: layer {name!r} is a view, not a table: save the copy with its layers as they were")
     if not layers:
         raise ReadError(
-            f"{path} has none of the layers objects, {', '.join(LAYERS)}: it is not an inventory of mlsroad"
+            f"{path} has none of the layers objects, {', '.join((*LAYERS, *LINE_LAYERS))}: it is not an inventory of "
+            "mlsroad"
         )
-    return {name: _checked(path, name, frame, system, notes) for name, frame in layers.items()}
+    return layers
+
+
+def _with_boxes(frame: gpd.GeoDataFrame, path: Path) -> gpd.GeoDataFrame:
+    """Return the objects; new ones that were drawn in the view `vehicles` have their box, since they have no point."""
+    boxes = gpd.read_file(path, layer="vehicles", fid_as_index=True, on_invalid="ignore").geometry
+    drawn = frame["object_id"].isna() & frame.geometry.isna()
+    return frame.set_geometry(frame.geometry.where(~drawn, boxes.reindex(frame.index)))
 
 
 def _missing_log(path: Path) -> list[str]:
@@ -59,7 +93,7 @@ def _missing_log(path: Path) -> list[str]:
     ]
 
 
-def _checked(path: Path, name: str, frame: gpd.GeoDataFrame, system: CRS | None, notes: list[str]) -> gpd.GeoDataFrame:
+def _checked(path: Path, name: str, frame: Any, system: CRS | None, needed: Sequence[str]) -> gpd.GeoDataFrame:
     """Return a layer with the names of its fields whole; raise an error if it is none of an inventory."""
     if not isinstance(frame, gpd.GeoDataFrame):
         raise ReadError(f"{path}: layer {name!r} has no geometry: it is not an inventory of mlsroad")
@@ -69,12 +103,9 @@ def _checked(path: Path, name: str, frame: gpd.GeoDataFrame, system: CRS | None,
             "save the copy in the system of the inventory"
         )
     frame = frame.rename(columns={column[:_SHAPEFILE]: column for column in TEXT if column not in frame})
-    for column in _NEEDED:
+    for column in needed:
         if column not in frame:
             raise ReadError(f"{path}: layer {name!r} has no field {column!r}")
-    for column in TEXT:
-        if column not in frame:
-            notes.append(f"layer {name!r} has no field {column!r}")
     return frame
 
 

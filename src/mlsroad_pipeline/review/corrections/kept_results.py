@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.execution.run_folder import FileState, RunFolder, check_closed, state_of
-from mlsroad_pipeline.execution.run_identity import RECORD, STATE
+from mlsroad_pipeline.execution.run_identity import RECORD, STATE, finished_record
 from mlsroad_pipeline.formats.files import write_atomic
-from mlsroad_pipeline.formats.las.header import class_names, read_header
+from mlsroad_pipeline.formats.las.header import ENTRY, class_names, read_header
 from mlsroad_pipeline.formats.las.records import RecordReader
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 
@@ -119,7 +119,14 @@ def changed_points(folder: Path) -> pd.DataFrame:
         old, new = folder / STATE / KEPT / _RESULTS / name, folder / name
         names |= class_names(read_header(old)) | class_names(read_header(new))
         counts += _moves(old, new)
-    return move_table(counts, names)
+    return move_table(counts, _whole(names, note["summary"], (finished_record(folder) or {}).get("summary", {})))
+
+
+def _whole(names: Mapping[int, str], *summaries: Mapping[str, Any]) -> dict[int, str]:
+    """Return names of codes as the runs have them: files hold 15 characters."""
+    known = [str(name) for summary in summaries for name in summary.get("classes", ())]
+    by_cut = {name.encode("ascii", "replace")[: ENTRY["name"].itemsize].decode(): name for name in known}
+    return {code: by_cut.get(name, name) for code, name in names.items()}
 
 
 def _moves(old: Path, new: Path) -> NDArray[np.int64]:

@@ -202,24 +202,6 @@ def read_corrections(
     return Learned(*([one for part in columns for one in part] for columns in zip(*parts, strict=True)))
 
 
-def learn_from(
-    bundle: ModelBundle,
-    outputs: Sequence[LabelledOutput],
-    *,
-    parent: Mapping[str, Any],
-    parameters: ContinuationParameters | None = None,
-    progress: Callable[[str], None] | None = None,
-) -> tuple[ModelBundle, int]:
-    """Return the model that has learned from the corrections of outputs, and the number of answers.
-
-    Raises ParameterError for methods that cannot, and DataError without corrections.
-    """
-    data = read_corrections(bundle, outputs, progress=progress)
-    return train_on(
-        bundle, data, parent=parent, surveys=[output.path.name for output in outputs], parameters=parameters
-    )
-
-
 def train_on(
     bundle: ModelBundle,
     data: Learned,

@@ -6,15 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import geopandas as gpd
 import numpy as np
 import pandas as pd
-import pyogrio
-import shapely
 
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import (
     LINE_FIELDS,
-    LINE_LAYERS,
     line_fields_of_kind,
     line_row,
 )
@@ -140,27 +136,6 @@ def lost_lines(decisions: Sequence[Decision], folder: Path) -> list[Decision]:
     path = folder / "inventory.gpkg"
     lines = read_geopackage(path).lines if decisions and path.is_file() else None
     return [] if lines is None else line_states(decisions, lines).unmatched
-
-
-def edited_lines(path: Path, folder: Path) -> list[str]:
-    """Return a sentence where the lines of an edited GeoPackage differ from those of the folder: they are not read."""
-    inventory = read_geopackage(folder / "inventory.gpkg")
-    names = [name for name in LINE_LAYERS if name in {str(layer) for layer in pyogrio.list_layers(path)[:, 0]}]
-    corrected = corrected_lines(inventory.lines, folder, inventory.trajectory)
-    if inventory.lines is None or corrected is None or not names:
-        return []
-    kept = corrected[corrected["status"] != "rejected"]
-    own = [{_shape_of(shapely.from_wkt(text)) for text in table["line"]} for table in (inventory.lines, kept)]
-    read = (gpd.read_file(path, layer=name).geometry for name in names)
-    theirs = {_shape_of(shape) for shapes in read for shape in shapes if shape is not None}
-    new, gone = len(theirs - own[0] - own[1]), min(len(lines - theirs) for lines in own)
-    if not new and not gone:
-        return []
-    return [f"lines: {new} new or changed, {gone} deleted: they are not read from files; edit them in mlsroad open"]
-
-
-def _shape_of(line: Any) -> bytes:
-    return np.round(shapely.get_coordinates(line), 2).tobytes()
 
 
 def _row(lines: pd.DataFrame, row: int) -> dict[str, Any]:

@@ -42,17 +42,7 @@ _READ = f"SELECT id, {FIELDS}, checksum FROM decisions"
 
 
 class CorrectionStore:
-    """Decisions about one output folder; safe for several threads and processes.
-
-    Parameters
-    ----------
-    folder : Path
-        The output folder.
-    connection : sqlite3.Connection
-        The open store.
-    writable : bool
-        Whether decisions can be added.
-    """
+    """Decisions about one output folder; safe for several threads and processes."""
 
     def __init__(self, folder: Path, connection: sqlite3.Connection, *, writable: bool = True) -> None:
         self.folder, self._writable = folder, writable
@@ -68,46 +58,11 @@ class CorrectionStore:
         return self.folder / NAME
 
     def add(self, correction: Correction, *, who: str) -> int:
-        """Write a decision and return its identifier; it is on the disk when this returns.
-
-        Parameters
-        ----------
-        correction : Correction
-            The decision.
-        who : str
-            Name of the user.
-
-        Returns
-        -------
-        int
-            Its identifier.
-
-        Raises
-        ------
-        ParameterError
-            If the name is empty, or the inventory has no object of a named number.
-        CorrectionsInUseError
-            If another process keeps the store locked.
-        ReadError
-            If the store or the inventory is damaged.
-        """
+        """Write a decision and return its identifier; it is on the disk when this returns."""
         return self.add_all([correction], who=who)[0]
 
     def add_all(self, corrections: list[Correction], *, who: str) -> list[int]:
-        """Write decisions in one transaction, all or none; errors are those of `add`.
-
-        Parameters
-        ----------
-        corrections : list of Correction
-            The decisions.
-        who : str
-            Name of the user.
-
-        Returns
-        -------
-        list of int
-            Their identifiers.
-        """
+        """Write decisions in one transaction, all or none; errors are those of `add`."""
         if not who.strip():
             raise ParameterError("the name of the user who corrects is empty: give one")
         made = datetime.now(UTC).isoformat(timespec="milliseconds")  # one time: the page takes them back together
@@ -134,20 +89,7 @@ class CorrectionStore:
         return who, correction.action, correction.object_id, correction.kind, payload, json.dumps(anchors)
 
     def undo(self, *identifiers: int, who: str = "") -> None:
-        """Take decisions back in one transaction, all or none; they stay in the store, marked.
-
-        Parameters
-        ----------
-        *identifiers : int
-            Identifiers of the decisions.
-        who : str
-            Name of the user who takes them back.
-
-        Raises
-        ------
-        ParameterError
-            If one of the identifiers is not that of a decision in force.
-        """
+        """Take decisions back in one transaction, all or none; they stay in the store, marked."""
         made = datetime.now(UTC).isoformat(timespec="milliseconds")
         with self._transaction() as base:
             for identifier in identifiers:
@@ -245,27 +187,8 @@ class CorrectionStore:
 def open_corrections(folder: str | Path, *, write: bool = True, create: bool = True) -> CorrectionStore:
     """Open the corrections of an output folder; the store is created if there is none.
 
-    Parameters
-    ----------
-    folder : str or Path
-        Output folder of `label`.
-    write : bool
-        Whether decisions will be added; without, a store that cannot be written is read from a copy in memory, and a
-        folder without a store that cannot be written has no decisions.
-    create : bool
-        Whether a store is created where there is none; without, such a folder has no decisions and takes none.
-
-    Returns
-    -------
-    CorrectionStore
-        The open store.
-
-    Raises
-    ------
-    ReadError
-        If the folder is missing, or its ``corrections.sqlite`` is damaged or of another program or version.
-    CorrectionsInUseError
-        If another process keeps the store locked.
+    Not to `write` reads a store that cannot be written from a copy in memory. Not to `create`, or a folder that cannot
+    be written, gives a store without decisions that takes none.
     """
     place = Path(folder)
     if not place.is_dir():
@@ -287,30 +210,13 @@ def _not_writable(path: Path) -> ReadError:
 
 
 def check_corrections(folder: str | Path) -> None:
-    """Raise the errors of `open_corrections` for a folder that has a store.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Output folder of `label`.
-    """
+    """Raise the errors of `open_corrections` for a folder that has a store."""
     if has_corrections(folder):
         open_corrections(folder, write=False).close()
 
 
 def has_corrections(folder: str | Path) -> bool:
-    """Return whether an output folder has a store.
-
-    Parameters
-    ----------
-    folder : str or Path
-        Output folder of `label`.
-
-    Returns
-    -------
-    bool
-        Whether it has.
-    """
+    """Return whether an output folder has a store."""
     return os.path.lexists(Path(folder, NAME))
 
 

@@ -177,7 +177,11 @@ def _parts(row: Mapping[str, Any], state: ObjectState) -> Iterator[dict[str, Any
     bases = np.array(state["bases"], dtype=np.float64)
     unknown = {
         name: _BLANK[name]
-        for name in (*MEASURES, "point_count", "disagreeing_share", "pole_id", "facing_from", "station", "complete")
+        for name in (
+            *MEASURES,
+            *("point_count", "disagreeing_share", "pole_id", "facing_from", "station", "complete"),
+            *("pole_type", "panel_shape"),
+        )
     }
     for k, base in enumerate(bases):
         if k == 0 and state["status"] == "rejected":

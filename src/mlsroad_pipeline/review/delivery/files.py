@@ -19,9 +19,10 @@ from mlsroad_pipeline.formats.las.copc import write_copc
 from mlsroad_pipeline.inventory_files.exports import EXPORTS
 from mlsroad_pipeline.inventory_files.geopackage import check_closed, read_geopackage, write_geopackage
 from mlsroad_pipeline.inventory_files.geoparquet import write_geoparquet
+from mlsroad_pipeline.inventory_files.opendrive import write_opendrive
 from mlsroad_pipeline.inventory_files.own_schema import DRIVERS, read_schema, write_own_schema
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
-from mlsroad_pipeline.inventory_files.vector_files import without_formulas
+from mlsroad_pipeline.inventory_files.vector_files import without_formulas, write_gml
 from mlsroad_pipeline.review.corrections import Decision, open_corrections
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 from mlsroad_pipeline.review.corrections.states import States
@@ -40,7 +41,8 @@ logger = logging.getLogger(__name__)
 _EXPORTED = {
     ".csv": "csv", ".geojson": "geojson", ".json": "geojson", ".fgb": "flatgeobuf", ".shp": "shapefile", ".dxf": "dxf",
 }  # fmt: skip
-SUFFIXES = (".gpkg", ".parquet", *_EXPORTED, ".laz", ".html")
+_SINGLE = {".gpkg": write_geopackage, ".parquet": write_geoparquet, ".xodr": write_opendrive}
+SUFFIXES = (".gpkg", ".parquet", *_EXPORTED, ".gml", ".xodr", ".laz", ".html")
 """Endings of files that are delivered: inventories, points, and the protocol."""
 
 ALL_POINTS = "*.laz"
@@ -48,20 +50,10 @@ ALL_POINTS = "*.laz"
 
 
 class Delivery:
-    """A checked survey to deliver.
+    """A checked survey to deliver: an output folder of `label` and what of it to write.
 
-    Parameters
-    ----------
-    folder : Path
-        Output folder of `label`.
-    keep_rejected : bool
-        Whether rejected and merged objects stay, with their status.
-    checked : bool
-        Whether objects that nobody looked at are left out.
-    within : float, optional
-        Largest distance of objects and lines from the path, metres. None delivers all.
-    schema : Path, optional
-        YAML file with the layers, fields and codes of inventories. None writes those of `label`.
+    Rejected and merged objects stay with `keep_rejected`; `checked` leaves out objects that nobody looked at, `within`
+    those farther from the path in metres. `schema` is a YAML file with layers, fields and codes of inventories.
     """
 
     def __init__(
@@ -180,7 +172,12 @@ class Delivery:
                 raise type(error)(text.replace("out of label.export", "out")) from error
             places = [_place(path, target) for path in written]
             return sorted(zip(written, places, strict=True), key=lambda pair: pair[1] != target)
-        (write_geopackage if suffix == ".gpkg" else write_geoparquet)(self.corrected, own)
+        if suffix == ".gml":
+            return [(path, target.with_name(path.name)) for path in write_gml(self.corrected, own)]
+        try:
+            _SINGLE[suffix](self.corrected, own)
+        except MlsRoadError as error:
+            raise type(error)(str(error).replace(str(own), str(target))) from error
         return [(own, target)]
 
     def _points(self, target: Path, folder: Path) -> list[tuple[Path, Path]]:

@@ -1,6 +1,7 @@
 """Access to the page: one-time token, session cookie, checks of host and origin, headers of all answers."""
 
 import hmac
+import re
 import secrets
 from collections.abc import Awaitable, Callable, Mapping
 
@@ -38,6 +39,12 @@ LARGEST_BODY = 1 << 20
 """Largest body of a request, bytes."""
 
 
+GO = "/go"
+"""Path of links of the report, which has no origin: its answer holds nothing but the way to the page, which asks for
+the cookie."""
+_TARGET = re.compile(r"(object|line|place)=[-0-9.,]{1,80}")
+
+
 class Guard:
     """ASGI application that passes only requests of the page itself."""
 
@@ -61,7 +68,8 @@ class Guard:
             return
         request = Request(scope)
         granted = scope["method"] == "GET" and request.url.path == "/" and self._is_token(request.query_params)
-        refused = self._foreign(scope["method"], request.headers, from_file=granted)
+        is_link = scope["method"] == "GET" and request.url.path == GO
+        refused = self._foreign(scope["method"], request.headers, from_file=granted or is_link)
         if refused is not None:
             await PlainTextResponse(refused, 403)(scope, receive, _with_headers(send, {}))
             return
@@ -72,13 +80,19 @@ class Guard:
             await HTMLResponse(redirect_to())(scope, receive, _with_headers(send, {"set-cookie": cookie}))
             self._on_use()
             return
+        if is_link:
+            await HTMLResponse(redirect_to(f"/#{_target(request.url.query)}"))(scope, receive, _with_headers(send, {}))
+            return
         if not self._known(request.cookies):
             await PlainTextResponse(UNKNOWN, 401)(scope, receive, _with_headers(send, {}))
             return
         await self._app(scope, receive, _with_headers(send, {}))
 
     def _foreign(self, method: str, headers: Headers, *, from_file: bool) -> str | None:
-        """Return why a request does not come from the page, None if it may; one with a token comes from a file."""
+        """Return why a request does not come from the page, None if it may; one with a token comes from a file.
+
+        So may one that follows a link of the report.
+        """
         if headers.get("host") not in self._hosts:
             return self._foreign_host
         origin = headers.get("origin")
@@ -96,6 +110,11 @@ class Guard:
 
     def _known(self, cookies: Mapping[str, str]) -> bool:
         return hmac.compare_digest(cookies.get(self._cookie, "").encode(), self._session.encode())
+
+
+def _target(query: str) -> str:
+    """Return the object, line or place of a link; empty for anything else."""
+    return query if _TARGET.fullmatch(query) else ""
 
 
 def _unfit(headers: Headers) -> str | None:

@@ -29,15 +29,7 @@ _PLACED = {"x", "merged", "bases"}
 
 
 class Decided:
-    """An inventory with decisions, as the page shows it.
-
-    Parameters
-    ----------
-    output : OutputFolder
-        The labelled survey.
-    listed : ListedObjects
-        Its objects.
-    """
+    """An inventory with decisions, as the page shows it."""
 
     def __init__(self, output: OutputFolder, listed: ListedObjects) -> None:
         self._output, self._table = output, listed.table

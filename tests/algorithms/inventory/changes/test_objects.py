@@ -16,6 +16,7 @@ from mlsroad_pipeline.algorithms.inventory.changes.objects import (
     UNCHANGED,
     UNSEEN_FIRST,
     UNSEEN_SECOND,
+    MeasuredByPoints,
     Unmatched,
     changed_objects,
     pair_objects,
@@ -30,19 +31,21 @@ def objects_of(*rows):
     return table.assign(object_id=np.arange(len(table)) + 11, z=30.0).astype({"x": float, "y": float})
 
 
-def evidence(rows, empty, standing, rays=900):
+def evidence(rows, empty, standing, rays=900, crossing=np.nan):
     n = len(rows)
     nothing, upright = np.zeros(n, dtype=np.bool_), np.full(n, empty == 0)
     found = Evidence(np.zeros(n, np.int64), nothing, upright, np.broadcast_to(float(empty), n))
-    return Unmatched(np.asarray(rows), found, np.broadcast_to(float(standing), n), np.full(n, rays))
-
-
-def compared(first, second, *, empty=1.0, standing=0.0, rays=900, growth=None):
-    pairs = pair_objects(first, second)
-    sides = (evidence(rows, empty, standing, rays) for rows in (pairs.left_first, pairs.left_second))
-    return changed_objects(
-        first, second, pairs, *sides, np.full(len(pairs.first), np.nan if growth is None else growth)
+    return Unmatched(
+        np.asarray(rows), found, np.broadcast_to(float(standing), n), np.full(n, rays), np.full(n, crossing)
     )
+
+
+def compared(first, second, *, empty=1.0, standing=0.0, rays=900, crossing=np.nan, **by_points):
+    pairs = pair_objects(first, second)
+    sides = (evidence(rows, empty, standing, rays, crossing) for rows in (pairs.left_first, pairs.left_second))
+    measured = MeasuredByPoints.unknown(len(pairs.first))
+    measured = measured._replace(**{name: np.full(len(pairs.first), value) for name, value in by_points.items()})
+    return changed_objects(first, second, pairs, *sides, measured)
 
 
 def test_each_state_is_that_of_its_planted_case():
@@ -90,7 +93,9 @@ def test_what_the_other_survey_saw_decides_about_objects_of_one_survey(empty, st
 def test_objects_without_evidence_are_not_visible():
     objects = objects_of(("pole", 0, 0, 5))
     pairs, nothing = pair_objects(objects, objects.iloc[:0]), np.zeros(0, np.int64)
-    table = changed_objects(objects, objects.iloc[:0], pairs, *(evidence(nothing, 1, 0),) * 2, np.zeros(0))
+    table = changed_objects(
+        objects, objects.iloc[:0], pairs, *(evidence(nothing, 1, 0),) * 2, MeasuredByPoints.unknown(0)
+    )
     assert table["state"].tolist() == [UNSEEN_SECOND] and table["rays"].tolist() == [0]
 
 
@@ -146,3 +151,43 @@ def test_a_panel_at_another_height_is_a_change():
 def test_empty_inventories_have_no_changes():
     nothing = objects_of(("pole", 0, 0, 5)).iloc[:0]
     assert compared(nothing, nothing).empty
+
+
+@pytest.mark.parametrize(("turn", "state"), [(0.2, UNCHANGED), (1.8, CHANGED), (np.nan, CHANGED)])
+def test_points_refute_the_turn_of_a_pole(turn, state):
+    first, second = (objects_of(("pole", 0, 0, 8, tilt, 0)) for tilt in (1, 3))
+    assert compared(first, second, turn=turn)["state"].tolist() == [state]
+
+
+@pytest.mark.parametrize(("panel", "state"), [(0.9, UNCHANGED), (0.2, CHANGED), (np.nan, CHANGED)])
+def test_points_refute_the_move_of_a_panel(panel, state):
+    first, second = (objects_of(("sign", 0, 0, 3, 0, 0, bottom)) for bottom in (2.2, 1.5))
+    assert compared(first, second, panel=panel)["state"].tolist() == [state]
+
+
+@pytest.mark.parametrize(
+    ("standing", "state", "by"), [(0.9, UNCHANGED, BY_POINTS), (0.1, OTHER_KIND, BY_BOTH), (0.5, OTHER_KIND, BY_BOTH)]
+)
+def test_two_kinds_whose_points_both_surveys_have_are_no_change(standing, state, by):
+    first, second = objects_of(("pole", 0, 0, 4)), objects_of(("sign", 0.3, 0, 4))
+    table = compared(first, second, empty=0.0, standing=standing)
+    assert table[["state", "evidence"]].to_numpy().tolist() == [[state, by]] and (table["reason"] != "").all()
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({}, "the second survey has points at 0% of it; 900 rays of the second survey cross its place"),
+        ({"empty": 0.3, "standing": 0.5}, "900 rays of the second survey cross its place (30% of it empty): no proof"),
+        ({"empty": 0.0, "standing": 0.9}, "has points at 90% of it"),
+    ],
+)
+def test_a_reason_names_the_evidence(options, reason):
+    objects = objects_of(("pole", 0, 0, 5))
+    assert reason in compared(objects, objects.iloc[:0], **options).loc[0, "reason"]
+
+
+@pytest.mark.parametrize(("crossing", "state"), [(40, GONE), (3, UNSEEN_SECOND), (np.nan, GONE)])
+def test_a_sign_is_gone_where_rays_cross_its_panel(crossing, state):
+    objects = objects_of(("sign", 0, 0, 3))
+    assert compared(objects, objects.iloc[:0], crossing=crossing)["state"].tolist() == [state]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.inventory.objects.pieces import join_floating_parts
+from mlsroad_pipeline.algorithms.inventory.objects.fragments import join_floating_parts
 
 
 def line(start, stop, n=40):

@@ -5,10 +5,9 @@ import pandas as pd
 import pytest
 from references.inventory import planted_box
 
-from mlsroad_pipeline.algorithms.inventory.objects.fragments import join_voxels
+from mlsroad_pipeline.algorithms.inventory.objects.fragments import join_sparse_pieces, join_voxels
 from mlsroad_pipeline.algorithms.inventory.objects.measures import complete_vehicle, measure
 from mlsroad_pipeline.algorithms.inventory.objects.merging import _without_pieces
-from mlsroad_pipeline.algorithms.inventory.objects.pieces import join_sparse_pieces
 from mlsroad_pipeline.algorithms.inventory.objects.voxel_sums import voxelise
 from mlsroad_pipeline.algorithms.segmentation.euclidean import cluster
 

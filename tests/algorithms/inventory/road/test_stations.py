@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.inventory.road.stations import REACH, RoadPath
+from mlsroad_pipeline.algorithms.inventory.road.stations import REACH, RoadPath, check_driven
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 ORIGIN = np.array([400_000.0, 5_700_000.0, 30.0])
@@ -53,3 +53,13 @@ def test_a_point_between_two_passes_has_a_place_in_each():
 def test_a_path_shorter_than_a_station_is_an_error():
     with pytest.raises(DataError, match=r"0\.60 m long"):
         RoadPath.along(Trajectory.from_positions([[0.0, 0, 0], [0.6, 0, 0]]))
+
+
+def test_scattered_places_are_no_path_but_a_turned_and_jittering_one_is():
+    rng = np.random.default_rng(3)
+    scattered = Trajectory.from_positions(rng.uniform(0, 80, (40, 3)) + ORIGIN, source="trees.csv")
+    with pytest.raises(DataError, match=r"trees\.csv is not a path: \d+ of 38 steps turn back"):
+        check_driven(scattered)
+    there = np.column_stack([np.arange(0, 60, 0.2), np.zeros(300), np.zeros(300)])
+    driven = np.concatenate([there, there[::-1] + [0, 0.3, 0]]) + rng.normal(0, 0.02, (600, 3)) + ORIGIN
+    check_driven(Trajectory.from_positions(driven))

@@ -5,6 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from helpers.measure_errors import (
+    kinds_of_truth,
+    match_to_truth,
+    measurement_errors,
+    summarise_errors,
+)
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
@@ -12,12 +18,6 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.inventory.objects.extraction import measure_points
 from mlsroad_pipeline.algorithms.inventory.objects.measures import MEASURES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, ObjectRule
-from mlsroad_pipeline.algorithms.inventory.scoring.measure_errors import (
-    kinds_of_truth,
-    match_to_truth,
-    measurement_errors,
-    summarise_errors,
-)
 from mlsroad_pipeline.algorithms.stages import find_ground
 from mlsroad_pipeline.simulation import PRESETS, simulate_survey
 from mlsroad_pipeline.simulation.parameters.street_parameters import STREETS

@@ -18,7 +18,6 @@ from mlsroad_pipeline.algorithms.models.boosted_trees.corrected import (
     MOST,
     SLUG,
     added_trees,
-    label_cloud,
     label_cloud_softly,
     labeller_of,
     learn_corrections,
@@ -101,8 +100,8 @@ def test_an_answer_about_poles_changes_the_other_poles_and_keeps_the_rest(labell
     model = learned(labeller, scene)
     save_bundle(model, tmp_path / "model")
     read = load_bundle(tmp_path / "model")
-    label, confidence = label_cloud(cloud, read)
-    np.testing.assert_array_equal(label, label_cloud(cloud, model)[0])
+    label, confidence = label_cloud_softly(cloud, read)[:2]
+    np.testing.assert_array_equal(label, label_cloud_softly(cloud, model)[0])
     assert label[-1] == -1 and confidence[-1] == 0  # its labeller does not label it
     unseen = slice(15000 + 4 * 500, len(truth) - 1)
     high = cloud.xyz[:, 2] > 0.6
@@ -128,7 +127,7 @@ def test_the_labeller_stays_and_a_second_learning_adds_trees(labeller, scene):
 def test_trees_without_leaves_leave_the_labels_as_they_are(labeller, scene):
     model = learned(labeller, scene)
     arrays = {**model.arrays, "added/leaf": np.zeros_like(model.arrays["added/leaf"])}
-    label = label_cloud(scene[0], ModelBundle(SLUG, arrays, model.metadata))[0]
+    label = label_cloud_softly(scene[0], ModelBundle(SLUG, arrays, model.metadata))[0]
     np.testing.assert_array_equal(label, all_wall(scene[0], None)[0])
 
 
@@ -146,10 +145,10 @@ def test_what_a_model_needs_is_checked(labeller, scene):
     model = learned(labeller, scene)
     damaged = ModelBundle(SLUG, model.arrays, {**model.metadata, "members": {}})
     with pytest.raises(DataError, match="its labeller is missing"):
-        label_cloud(scene[0], damaged)
+        label_cloud_softly(scene[0], damaged)
     old = ModelBundle(SLUG, model.arrays, {**model.metadata, "feature_names": ["x"]})
     with pytest.raises(DataError, match="other features than this version"):
-        label_cloud(scene[0], old)
+        label_cloud_softly(scene[0], old)
     other = ModelBundle(SLUG, model.arrays, {**model.metadata, "voxel_size": 0.5})
     with pytest.raises(DataError, match=r"voxels of 0\.5 m, not 0\.2 m"):
         learned(other, scene)

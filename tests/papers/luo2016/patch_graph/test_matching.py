@@ -4,12 +4,12 @@ import functools
 
 import numpy as np
 import pytest
+from helpers.match_graph import build_match_graph
 from references.patch_graph import all_costs, match_cost, optimal_costs, planted_patches
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.papers.luo2016.patch_graph.costs import CostWeights, build_patch_index
 from mlsroad_pipeline.papers.luo2016.patch_graph.iterations import SearchParameters
-from mlsroad_pipeline.papers.luo2016.patch_graph.matching import build_match_graph
 from mlsroad_pipeline.papers.luo2016.patch_graph.search import NodeChooser, minority_classes
 
 MOVES_ALONE = SearchParameters(exhaustive_budget=0, n_costly=0, minority_share=0.0, n_probes=0)

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from helpers.match_graph import build_match_graph
 from references.patch_graph import all_costs, match_cost, optimal_costs, planted_patches
 
 from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import match_patches, train_graph
 from mlsroad_pipeline.papers.luo2016.patch_graph.costs import CostWeights, block_costs, bounded_cost, weigh_descriptors
 from mlsroad_pipeline.papers.luo2016.patch_graph.iterations import SearchParameters
-from mlsroad_pipeline.papers.luo2016.patch_graph.matching import build_match_graph
 from mlsroad_pipeline.papers.luo2016.patch_graph.search import build_description_cells
 
 CELLS = SearchParameters(exhaustive_budget=0, n_costly=0, minority_share=0.0)

@@ -129,6 +129,10 @@ def test_every_two_methods_are_compared_and_sure_orders_are_named(three):
     known = paired_differences(found).set_index(["method", "mean_over"])["difference"]
     assert pairs.iloc[0]["difference"] == pytest.approx(known["patch_graph", "mean of seven"])
     assert pairs["sure"].tolist() == [False, True, False]
+    mean = found[(found["class"] == "mean of five") & (found["metric"] == "f1")]
+    wide = mean.pivot(index="repetition", columns="method", values="value")
+    alone = sorted(stats.ttest_rel(wide[a], wide[b]).pvalue for a, b in list(pairs.index)[1:])
+    assert sorted(pairs["p"])[0] == pytest.approx(3 * alone[0]) and pairs["p"].le(1).all()
     assert pairs.loc[("patch_graph", "shape_based"), "high"] < 0
 
 

@@ -33,6 +33,25 @@ def test_isolated_points_have_several_times_the_spacing_of_the_others(rng):
     assert far.any() and alone[far].all() and not alone[spacing < np.median(spacing)].any()
 
 
+def test_later_passes_give_what_a_full_search_gives(rng):
+    """Reference: neighbours of all remaining points, searched anew in each pass."""
+    removed = []
+    for _ in range(20):
+        xyz = rng.standard_t(2, (120, 3))  # sparser and sparser outwards
+        keep, passes = np.ones(len(xyz), dtype=bool), 0
+        for _ in range(3):
+            rest = xyz[keep]
+            spacing = np.sort(np.linalg.norm(rest[:, None] - rest, axis=2), axis=1)[:, 1:5].mean(axis=1)
+            alone = spacing > 2.5 * np.median(spacing)
+            if not alone.any() or len(rest) - alone.sum() < 0.5 * len(xyz):
+                break
+            keep[np.flatnonzero(keep)[alone]] = False
+            passes += 1
+        removed.append(passes)
+        assert np.array_equal(isolated_points(xyz, np.array([0, len(xyz)]), factor=2.5, least=8), ~keep)
+    assert max(removed) > 1
+
+
 def test_an_object_keeps_half_of_its_points(rng):
     close, wide = rng.normal(0, 0.01, (40, 3)), rng.uniform(-5, 5, (60, 3))
     alone = isolated_points(np.concatenate([close, wide]), np.array([0, 100]), factor=1.01, least=8)

@@ -5,7 +5,7 @@ import pytest
 from references.words import distance
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.papers.yu2016.visual_words.distance import WordIndex, inverse_covariance, nearest_words
+from mlsroad_pipeline.papers.yu2016.visual_words.distance import CONTEXT_FLOOR, WordIndex, inverse_covariance
 from mlsroad_pipeline.papers.yu2016.visual_words.groups import ContextualGroups
 
 
@@ -19,6 +19,13 @@ def random_groups(rng, n, m=3, *, kinds=6):
     axes /= np.linalg.norm(axes, axis=-1, keepdims=True)
     scales = rng.choice([0.1, 0.12, 0.15, 0.2, 0.31], (n, m))
     return ContextualGroups(rows.astype(np.float32), axes.astype(np.float32), scales.astype(np.float32))
+
+
+def nearest_words(groups, words, *, inverse=None, floor=CONTEXT_FLOOR, n_threads=1):
+    """Return the nearest words, by default under the covariance of their own features."""
+    if inverse is None:
+        inverse = inverse_covariance(words.descriptors) if len(words) else np.eye(1)
+    return WordIndex(words, inverse, floor).search(groups, n_threads=n_threads)
 
 
 def member(groups, i):

@@ -1,6 +1,7 @@
 """Objects of two surveys: unchanged, changed, moved, new, gone, or not visible in one of them."""
 
-from typing import NamedTuple
+from collections.abc import Hashable
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -24,10 +25,15 @@ STANDS, IS_GONE = 0.6, 0.4
 BARE, MANY_RAYS = 0.15, 300
 """Largest such share of an object that is gone although something else stands at its place, and the fewest rays through
 the place that prove it."""
+FEWEST_CROSSING = 10
+"""Fewest rays through a panel that prove that it is not there: a plate seen along its plane has no points."""
 LEAST_CHANGE = {"tilt": 0.8, "height": 0.5, "panel_bottom": 0.5}
 """Smallest change of a measure: tilt in degrees, others in metres."""
 LEAST_SHARE = {"height": 0.05}
 """Smallest change of a measure as a share of it."""
+LEAST_TURN, LEAST_AGREED, LEAST_GROWTH, PANEL_STAYS = 0.7, 0.4, 0.25, 0.7
+"""Least turn of an axis that points show (degrees; share of the listed turn), least growth of a crown (metres), and the
+share of the points between two lower edges of a panel from which both surveys have it."""
 MOVABLE = ("pole", "sign")
 """Kinds whose objects can move; a tree elsewhere is another tree."""
 MEASURED = {"tilt": ("pole",), "height": ("tree",), "panel_bottom": ("sign",)}
@@ -44,17 +50,32 @@ class Unmatched(NamedTuple):
     evidence: Evidence
     standing: NDArray[np.float64]  # Share of the volume of each that has points in the other survey; NaN: no own points
     rays: NDArray[np.int64]  # Rays of the other survey through each place
+    crossing: NDArray[np.float64]  # Rays through the panel of a sign; NaN: of another kind, or no own points
 
     @property
     def is_empty(self) -> NDArray[np.bool_]:
         """Objects that do not stand in the other survey."""
         empty = (self.evidence.empty_share >= EMPTY) & ~(self.standing > IS_GONE)
-        return empty | ((self.rays >= MANY_RAYS) & (self.standing <= BARE))
+        empty |= (self.rays >= MANY_RAYS) & (self.standing <= BARE)
+        return empty & ~(self.crossing < FEWEST_CROSSING)
 
     @property
     def stands(self) -> NDArray[np.bool_]:
         """Objects that stand in the other survey; of those without own points, points of upright classes decide."""
         return (self.standing >= STANDS) | (np.isnan(self.standing) & (self.evidence.own | self.evidence.other))
+
+
+class MeasuredByPoints(NamedTuple):
+    """Changes of the measures of pairs by their points in both surveys; NaN where these do not give them."""
+
+    turn: NDArray[np.float64]  # Angle between the axes of poles, degrees
+    growth: NDArray[np.float64]  # Change of the height of trees, metres
+    panel: NDArray[np.float64]  # Share of the points between the lower edges of a panel that both surveys have
+
+    @classmethod
+    def unknown(cls, n: int) -> "MeasuredByPoints":
+        """Return measures of `n` pairs that nothing is known of."""
+        return cls(*np.full((3, n), np.nan))
 
 
 class Pairs(NamedTuple):
@@ -89,7 +110,7 @@ def changed_objects(
     pairs: Pairs,
     of_first: Unmatched,
     of_second: Unmatched,
-    growth: NDArray[np.float64],
+    measured: MeasuredByPoints,
 ) -> pd.DataFrame:
     """Return one row for each object of two surveys with its state.
 
@@ -102,19 +123,18 @@ def changed_objects(
     of_first, of_second : Unmatched
         The other objects of each survey, with the evidence of the other survey about their places. Those that are not
         in it are not visible there.
-    growth : ndarray of float64
-        Change of the highest point of each pair near its axis, metres, which confirms a change of height; NaN where it
-        is not known.
+    measured : MeasuredByPoints
+        Changes of the pairs by their points, which confirm those of the listed measures.
 
     Returns
     -------
     DataFrame
-        `state`, `evidence`, `changes` (text), `first_id` and `second_id` (0: none), `kind`, `x`, `y`, `z` (of the later
-        survey where it has the object), `dx`, `dy`, `distance`, `empty_share`, `standing_share`, `rays`, and
-        `first_NAME`, `second_NAME` and `NAME_change` of the measures.
+        `state`, `evidence`, `reason` and `changes` (texts), `first_id` and `second_id` (0: none), `kind`, `x`, `y`, `z`
+        (of the later survey where it has the object), `dx`, `dy`, `distance`, `empty_share`, `standing_share`, `rays`,
+        and `first_NAME`, `second_NAME` and `NAME_change` of the measures.
     """
     state = {name: np.full(len(table), "", dtype=object) for name, table in (("first", first), ("second", second))}
-    rows = [(i, j, UNCHANGED, BY_BOTH) for i, j in zip(pairs.first, pairs.second, strict=True)]
+    rows = _rows_of(pairs)
     for name, left, found, gone, unseen in (
         ("first", pairs.left_first, of_first, GONE, UNSEEN_SECOND),
         ("second", pairs.left_second, of_second, NEW, UNSEEN_FIRST),
@@ -125,14 +145,16 @@ def changed_objects(
     taken = {name: np.zeros(len(own), dtype=np.bool_) for name, own in state.items()}
     for reach, same, kept in ((min(REACH.values()), False, OTHER_KIND), (MOVED_REACH, True, MOVED)):
         for i, j in _further_pairs(first, second, state, taken, reach, same_kind=same):
-            rows.append((i, j, kept, BY_BOTH))
+            # Both stand in both surveys: the kind is another one of the labels, not of the object.
+            stand = kept == OTHER_KIND and state["first"][i] == state["second"][j] == UNCHANGED
+            rows.append((i, j, *((UNCHANGED, BY_POINTS) if stand else (kept, BY_BOTH))))
             taken["first"][i] = taken["second"][j] = True
     for name, left in (("first", pairs.left_first), ("second", pairs.left_second)):
         for row in left[~taken[name][left]]:
             text = str(state[name][row])
             ends = (row, -1) if name == "first" else (-1, row)
             rows.append((*ends, text, BY_POINTS if text == UNCHANGED else BY_RAYS))
-    table = _table(first, second, rows, np.append(growth, np.full(len(rows) - len(growth), np.nan)))
+    table = _with_changes(_table(first, second, rows), measured)
     seen = {("first", int(row)): k for k, row in enumerate(of_first.rows)}
     seen |= {("second", int(row)): k for k, row in enumerate(of_second.rows)}
     share, rays = np.full((2, len(rows)), np.nan), np.zeros(len(rows), dtype=np.int64)
@@ -140,7 +162,39 @@ def changed_objects(
         for name, row, found in (("first", i, of_first), ("second", j, of_second)):
             if (at := seen.get((name, int(row)))) is not None:
                 share[:, k], rays[k] = (found.evidence.empty_share[at], found.standing[at]), found.rays[at]
-    return table.assign(empty_share=share[0], standing_share=share[1], rays=rays)
+    table = table.assign(empty_share=share[0], standing_share=share[1], rays=rays)
+    return table.assign(reason=[_reason(row) for row in table.to_dict("records")])
+
+
+def _rows_of(pairs: Pairs) -> list[tuple[int, int, str, str]]:
+    return [(i, j, UNCHANGED, BY_BOTH) for i, j in zip(pairs.first, pairs.second, strict=True)]
+
+
+def listed_changes(first: pd.DataFrame, second: pd.DataFrame, pairs: Pairs) -> NDArray[np.bool_]:
+    """Return which pairs have a measure that the inventories give differently."""
+    table = _table(first, second, _rows_of(pairs))
+    changes = np.zeros(len(table), dtype=np.bool_)
+    for name in MEASURED:
+        changes |= _is_change(table, name)
+    return changes
+
+
+def _reason(row: dict[Hashable, Any]) -> str:
+    """Return why an object has its state."""
+    state, other = row["state"], "second" if row["first_id"] else "first"
+    if state == CHANGED:
+        return str(row["changes"])
+    if row["first_id"] and row["second_id"]:
+        if row["evidence"] == BY_POINTS:
+            return "listed as another kind, but both surveys have the points of both"
+        kept = {UNCHANGED: "listed in both", OTHER_KIND: "listed as another kind"}
+        return kept.get(state) or f"listed {row['distance']:.1f} m away, and nothing stands at the old place"
+    share, rays = row["standing_share"], f"{row['rays']:,} rays of the {other} survey cross its place"
+    if np.isnan(row["empty_share"]):
+        return f"no ground at its place in the {other} survey"
+    found = "" if np.isnan(share) else f"the {other} survey has points at {share:.0%} of it; "
+    proof = "" if state in (UNCHANGED, NEW, GONE) else f" ({row['empty_share']:.0%} of it empty): no proof"
+    return found + rays + proof
 
 
 def _further_pairs(
@@ -172,9 +226,7 @@ def _further_pairs(
     return pairs
 
 
-def _table(
-    first: pd.DataFrame, second: pd.DataFrame, rows: list[tuple[int, int, str, str]], growth: NDArray[np.float64]
-) -> pd.DataFrame:
+def _table(first: pd.DataFrame, second: pd.DataFrame, rows: list[tuple[int, int, str, str]]) -> pd.DataFrame:
     """Return the states with the measures of both surveys; -1 is no row."""
     i, j, state, evidence = (list(column) for column in zip(*rows, strict=True)) if rows else ([], [], [], [])
     before, after = (
@@ -199,16 +251,14 @@ def _table(
         own, other = before[name].astype(np.float64), after[name].astype(np.float64)
         change = _angle_between(before, after) if name == "tilt" else other - own
         table = table.assign(**{f"first_{name}": own, f"second_{name}": other, f"{name}_change": change})
+    return table
+
+
+def _comparable(table: pd.DataFrame) -> NDArray[np.bool_]:
+    """Return which poles were measured on the same part."""
     heights = table[["first_height", "second_height"]].to_numpy()
     alike = (heights.min(axis=1) >= LEAST_POLE) & (np.ptp(heights, axis=1) <= ALIKE * heights.max(axis=1))
-    alike &= table["distance"].to_numpy() <= SAME_BASE
-    return _with_changes(table, {"tilt": alike, "height": _confirmed(table["height_change"].to_numpy(), growth)})
-
-
-def _confirmed(change: NDArray[np.float64], growth: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which changes of height the highest points near the axis show too."""
-    both = np.minimum(np.abs(change), np.abs(growth)) >= LEAST_CHANGE["height"]
-    return both & (np.sign(change) == np.sign(growth))
+    return np.asarray(alike)
 
 
 def _angle_between(before: pd.DataFrame, after: pd.DataFrame) -> NDArray[np.float64]:
@@ -226,15 +276,32 @@ def _angle_between(before: pd.DataFrame, after: pd.DataFrame) -> NDArray[np.floa
     return np.degrees(np.arctan2(across, (axes[0] * axes[1]).sum(axis=1)))
 
 
-def _with_changes(table: pd.DataFrame, confirmed: dict[str, NDArray[np.bool_]]) -> pd.DataFrame:
+def _is_change(table: pd.DataFrame, name: str) -> NDArray[np.bool_]:
+    """Return which matched objects have another measure in both inventories."""
+    change = table[f"{name}_change"].abs().to_numpy()
+    size = np.fmax(table[f"first_{name}"].to_numpy(), table[f"second_{name}"].to_numpy())
+    least = np.maximum(LEAST_CHANGE[name], LEAST_SHARE.get(name, 0.0) * np.nan_to_num(size))
+    found = (table["kind"].isin(MEASURED[name]) & (table["state"] == UNCHANGED)).to_numpy() & (change >= least)
+    if name != "height":  # another pole, or another panel on it
+        found &= table["distance"].to_numpy() <= SAME_BASE
+    return np.asarray(found & _comparable(table) if name == "tilt" else found)
+
+
+def _confirmed(table: pd.DataFrame, measured: MeasuredByPoints) -> dict[str, NDArray[np.bool_]]:
+    """Return which changes of measures the points show too; of tilts and panels, those that they do not refute."""
+    turn, growth, panel = (np.append(own, np.full(len(table) - len(own), np.nan)) for own in measured)
+    change = table["height_change"].to_numpy()
+    grown = (np.abs(growth) >= LEAST_GROWTH) & (np.sign(change) == np.sign(growth))
+    least = np.maximum(LEAST_TURN, LEAST_AGREED * np.nan_to_num(table["tilt_change"].to_numpy()))
+    return {"tilt": ~(turn < least), "height": grown, "panel_bottom": ~(panel > PANEL_STAYS)}
+
+
+def _with_changes(table: pd.DataFrame, measured: MeasuredByPoints) -> pd.DataFrame:
     """Return the table with the changes of measures as text; a matched object with a change is `CHANGED`."""
-    texts = np.full(len(table), "", dtype=object)
-    for name, kinds in MEASURED.items():
+    texts, confirmed = np.full(len(table), "", dtype=object), _confirmed(table, measured)
+    for name in MEASURED:
         change = table[f"{name}_change"].abs().to_numpy()
-        size = np.fmax(table[f"first_{name}"].to_numpy(), table[f"second_{name}"].to_numpy())
-        least = np.maximum(LEAST_CHANGE[name], LEAST_SHARE.get(name, 0.0) * np.nan_to_num(size))
-        is_change = table["kind"].isin(kinds).to_numpy() & (change >= least)
-        for row in np.flatnonzero(is_change & confirmed.get(name, True)).tolist():
+        for row in np.flatnonzero(_is_change(table, name) & confirmed[name]).tolist():
             ends = (float(table[f"{end}_{name}"].iloc[row]) for end in ("first", "second"))
             text = f"{name.replace('_', ' ')} " + " to ".join(f"{value:.1f}" for value in ends)
             text += f"°, axis turned by {change[row]:.1f}°" if name == "tilt" else " m"

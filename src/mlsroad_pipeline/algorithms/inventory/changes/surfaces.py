@@ -80,32 +80,10 @@ def surface_distances(
     registration_error: float,
     parameters: M3C2Parameters,
 ) -> SurfaceDistances:
-    """Return the M3C2 distances from the earlier to the later points at core points.
+    """Return the M3C2 distances from the earlier to the later points at core points, positive above the road.
 
-    Parameters
-    ----------
-    first, second : ndarray of float64, shape (n, 3), (m, 3)
-        Points of the surfaces in both surveys, metres.
-    core : ndarray of float64, shape (k, 3)
-        Core points.
-    surface : ndarray of uint8, shape (k,)
-        Number of the surface of each in `SURFACES`.
-    path : ndarray of float64, shape (p, 3), or None
-        Positions of the scanner, towards which normals of facades point; those of other surfaces point upwards.
-    registration_error : float
-        Error of the registration, metres, a part of the level of detection.
-    parameters : M3C2Parameters
-        Radii.
-
-    Returns
-    -------
-    SurfaceDistances
-        Distances; positive above the road, and towards the path.
-
-    Raises
-    ------
-    ParameterError
-        If py4dgeo is not installed.
+    Normals of facades point, and their distances are positive, towards the path; `registration_error` in metres is a
+    part of the level of detection.
     """
     library = py4dgeo()
     if not (len(first) and len(second) and len(core)):
@@ -153,13 +131,7 @@ def distance_raster(found: SurfaceDistances) -> Raster | None:
 def changed_areas(found: SurfaceDistances) -> tuple[pd.DataFrame, NDArray[np.object_]]:
     """Return areas of significant change: connected cells in plan of one surface and direction, and their polygons.
 
-    Returns
-    -------
-    table : DataFrame
-        `surface`, `area` (m², of facades in plan), `mean_distance`, `largest_distance`, `detection` (medians, m) and
-        `core_points`.
-    polygons : ndarray of object
-        Shapely polygons.
+    Distances, and the level of detection, are medians in metres; the area of facades is that in plan.
     """
     records: list[dict[str, Any]] = []
     shapes: list[Any] = []

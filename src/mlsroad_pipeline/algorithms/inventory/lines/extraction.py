@@ -65,17 +65,7 @@ _FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
 
 
 def line_fields_of_kind(kind: str) -> list[str]:
-    """Return the columns that lines of a kind have.
-
-    Parameters
-    ----------
-    kind : str
-        One of `LINE_KINDS`.
-
-    Returns
-    -------
-    list of str
-        Names in the order of `LINE_FIELDS`.
+    """Return the columns that lines of a kind have, in the order of `LINE_FIELDS`.
 
     Examples
     --------
@@ -94,24 +84,7 @@ _DECIMALS = 3
 def line_row(
     kind: str, vertices: NDArray[np.float64], trajectory: Trajectory | None, **measures: float | str
 ) -> dict[str, object]:
-    """Return the row of a line in `LINE_FIELDS`.
-
-    Parameters
-    ----------
-    kind : str
-        One of `LINE_KINDS`.
-    vertices : ndarray of float64, shape (k, 3)
-        World coordinates, metres.
-    trajectory : Trajectory or None
-        Trajectory that gives the stations.
-    **measures : float or str
-        Measures of the kind, by column.
-
-    Returns
-    -------
-    dict
-        All columns; `line_id` is 0.
-    """
+    """Return the row of a line in `LINE_FIELDS`, from vertices in world coordinates; `line_id` is 0."""
     row: dict[str, object] = dict.fromkeys(LINE_FIELDS, np.nan) | {
         "line_id": 0,
         "kind": kind,
@@ -128,36 +101,14 @@ def line_row(
 
 
 def line_table(rows: Sequence[dict[str, object]]) -> pd.DataFrame:
-    """Return lines sorted by station, else by place, and numbered.
-
-    Parameters
-    ----------
-    rows : sequence of dict
-        Rows of `line_row`.
-
-    Returns
-    -------
-    DataFrame
-        Columns of `LINE_FIELDS`, with lengths to the millimetre.
-    """
+    """Return lines sorted by station, else by place, and numbered, with lengths to the millimetre."""
     table = pd.DataFrame(list(rows), columns=list(LINE_FIELDS)).round(_DECIMALS)
     table = table.sort_values(["from_station", "x", "y"], kind="stable", ignore_index=True)
     return numbered([table])
 
 
 def numbered(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Return several tables of lines as one, numbered from 1 by kind.
-
-    Parameters
-    ----------
-    tables : sequence of DataFrame
-        Columns of `LINE_FIELDS`.
-
-    Returns
-    -------
-    DataFrame
-        Columns of `LINE_FIELDS`.
-    """
+    """Return several tables of lines as one, numbered from 1 by kind."""
     filled = [table for table in tables if len(table)]
     joined = pd.concat(filled, ignore_index=True) if filled else pd.DataFrame(columns=list(LINE_FIELDS))
     joined = joined.sort_values("kind", kind="stable", ignore_index=True)

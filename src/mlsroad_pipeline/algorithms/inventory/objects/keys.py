@@ -23,20 +23,6 @@ def lasting_keys(objects: pd.DataFrame, *earlier: pd.DataFrame, crs: str | None 
     Objects are the same if they are of one kind and at most `REACH` apart, one to one. What is left is matched
     regardless of its kind within 0.5 m, vehicles excepted: a user may have changed a tree to a pole. A new key follows
     from kind, place and reference system alone, so two runs with the same objects give the same keys.
-
-    Parameters
-    ----------
-    objects : DataFrame
-        Columns `kind`, `x` and `y`, metres.
-    *earlier : DataFrame
-        Earlier inventories: the same columns and `key`. Rows without a key are left out.
-    crs : str or None
-        Reference system of the coordinates.
-
-    Returns
-    -------
-    ndarray of object
-        Keys in the form of a UUID, one per row, all different.
     """
     keys = np.full(len(objects), "", dtype=np.object_)
     groups = [((kind,), reach) for kind, reach in REACH.items()]

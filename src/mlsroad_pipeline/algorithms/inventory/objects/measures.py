@@ -79,6 +79,7 @@ class ObjectMeasures(TypedDict, total=False):
     z_min: float
     z_max: float
     facing_from: str  # Source of the facing of a panel: ``post``, ``unknown``, or empty
+    panel_shape: str  # One of `PLATE_SHAPES`, or empty
     complete: str  # Of a vehicle: ``measured``, or what of its box is assumed; else empty
     footprint: str  # Convex hull in plan as WKT; empty if it has no area
     point_count: int  # Number of points
@@ -115,7 +116,8 @@ def measure(voxels: Voxels, kind: str) -> ObjectMeasures:
     n_points = int(voxels.count.sum())
     row = cast(ObjectMeasures, dict.fromkeys(MEASURES, np.nan))
     row |= {"x": float(centre[0]), "y": float(centre[1]), "z": base, "height": geometry.top - base, "width": length}
-    row |= {"clearance": low - ground, "facing_from": "", "complete": "", "footprint": _as_wkt(hull)}
+    row |= {"clearance": low - ground, "footprint": _as_wkt(hull)}
+    row |= {"facing_from": "", "complete": "", "panel_shape": ""}
     if kind == "pole":
         row |= _pole(geometry)
     elif kind == "sign":
@@ -185,7 +187,7 @@ def _sign(geometry: _Geometry) -> ObjectMeasures:
         "x": panel.centre[0], "y": panel.centre[1],
         "panel_bottom": panel.bottom - geometry.base, "panel_centre": panel.centre[2] - geometry.base,
         "panel_height": panel.top - panel.bottom, "panel_width": panel.width, "facing": panel.normal,
-        "facing_from": "post" if panel.faces else "unknown",
+        "facing_from": "post" if panel.faces else "unknown", "panel_shape": panel.shape,
     }  # fmt: skip
     below = geometry.xyz[geometry.xyz[:, 2] < panel.bottom - 0.05]
     row |= _post(geometry, below)

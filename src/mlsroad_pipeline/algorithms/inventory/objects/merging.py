@@ -134,7 +134,7 @@ def _link(pieces: Sequence[SceneObjects], classes: Mapping[str, ObjectRule]) -> 
         if piece.scene in scenes:
             raise DataError(f"scene {piece.scene!r} comes twice")
         scenes.append(piece.scene)
-        named = {*piece.objects["class"], *piece.fragments["class"]}
+        named = {*piece.objects["class"].unique(), *piece.fragments["class"].unique()}  # a fragment has many rows
         if named - set(classes):
             raise DataError(f"objects of class {min(named - set(classes))!r}, which has no rule: {sorted(classes)}")
         for name, table, _ in _by_class(piece):

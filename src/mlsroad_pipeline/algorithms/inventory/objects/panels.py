@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.inventory.objects.axes import fit_axis
 from mlsroad_pipeline.algorithms.inventory.objects.boxes import trimmed
+from mlsroad_pipeline.algorithms.inventory.objects.plate_shapes import plate_shape
 
 _TURN = 2.0  # step of the search over directions, degrees
 _BIN = 0.02  # width of the bins along the normal, metres
@@ -18,6 +19,7 @@ _GAP = 3  # largest gap within a panel or between panels on one post, rows
 _LEAST_POINTS = 8
 _LEAST_STANDOFF = 0.01  # minimum distance of the post from the plane for a known side, metres
 _STRAY = 0.005  # share of points outside the left and right edge
+_SHAPE_MARGIN = (0.03, 0.02)  # distances beside and above the rectangle of a panel of points of its shape, metres
 _POST = 0.12  # largest distance of the post from the centre of the panel, metres
 
 
@@ -31,6 +33,7 @@ class Panel:
     width: float  # m
     normal: float  # degrees clockwise from north: the facing, 0 to 360; below 180 if the side is unknown
     faces: bool  # True if the side is determined from the post behind the panel
+    shape: str  # one of `PLATE_SHAPES`, or empty
 
 
 def fit_panel(xyz: NDArray[np.float64]) -> Panel | None:
@@ -59,14 +62,17 @@ def fit_panel(xyz: NDArray[np.float64]) -> Panel | None:
     if rows is None:
         return None
     bottom, top, left, right = rows
-    middle = np.array([*(offset * normal + (left + right) / 2 * np.array([-normal[1], normal[0]])), (bottom + top) / 2])
+    across = np.array([-normal[1], normal[0]])
+    middle = np.array([*(offset * normal + (left + right) / 2 * across), (bottom + top) / 2])
+    uv = np.column_stack([(local[near, :2] - middle[:2]) @ across, local[near, 2] - middle[2]])
+    limits = np.array([right - left, top - bottom]) / 2 + _SHAPE_MARGIN
     side = _behind(local, middle, bottom, normal)
     if side > 0:
         normal = -normal
     azimuth = float(np.degrees(np.arctan2(normal[0], normal[1])) % 360.0)
     return Panel(
         middle + centre, bottom + centre[2], top + centre[2], right - left,
-        azimuth if side != 0 else azimuth % 180.0, side != 0,
+        azimuth if side != 0 else azimuth % 180.0, side != 0, plate_shape(uv[(np.abs(uv) <= limits).all(axis=1)]),
     )  # fmt: skip
 
 

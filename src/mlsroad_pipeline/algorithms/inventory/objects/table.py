@@ -10,24 +10,13 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.inventory.objects.measures import EXTENT, MEASURES
+from mlsroad_pipeline.algorithms.inventory.objects.plate_shapes import PLATE_SHAPES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 
 class Field(NamedTuple):
-    """Column of the inventory.
-
-    Parameters
-    ----------
-    dtype : str
-        Type of the values.
-    alias : str
-        Heading for users of the map, with the unit.
-    description : str
-        Definition in one sentence.
-    values : tuple of str
-        All values beside an empty one; empty where there is no such list.
-    """
+    """Column of the inventory: type, heading with the unit, definition, and all values but an empty one, if listed."""
 
     dtype: str
     alias: str
@@ -60,12 +49,16 @@ FIELDS: dict[str, Field] = {
     "lean_azimuth": Field(
         "float64", "Leans towards [deg]", "Where its top leans, clockwise from grid north, 0 to 360."
     ),
+    "pole_type": Field("str", "Type", "Of a pole: utility where overhead wires run to it; else empty.", ("utility",)),
     "diameter": Field("float64", "Diameter [m]", "Of a round pole's shaft, or of a trunk at breast height."),
     "crown_diameter": Field("float64", "Crown diameter [m]", "Of the circle with the area of a tree's footprint."),
     "panel_bottom": Field("float64", "Panel lower edge [m]", "Lower edge of a sign's panel above the base."),
     "panel_centre": Field("float64", "Panel middle [m]", "Middle of a sign's panel above the base."),
     "panel_height": Field("float64", "Panel height [m]", "Vertical size of a sign's panel."),
     "panel_width": Field("float64", "Panel width [m]", "Horizontal size of a sign's panel."),
+    "panel_shape": Field(
+        "str", "Panel shape", "Of a sign: round (octagons too), triangle or rectangle; else empty.", PLATE_SHAPES
+    ),
     "facing": Field("float64", "Facing [deg]", "Direction of a sign's front, clockwise from grid north, 0 to 360."),
     "facing_from": Field(
         *("str", "Front known from", "Evidence for a sign's front: post, pole or unknown (facing below 180)."),
@@ -116,27 +109,22 @@ OBJECT_FIELDS = {name: field.dtype for name, field in FIELDS.items()}
 FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("length", "heading", "complete", "motion"), ("vehicle",)),
     **dict.fromkeys(("tilt", "lean_azimuth"), ("pole", "sign")),
+    "pole_type": ("pole",),
     "diameter": ("pole", "tree"),
     "crown_diameter": ("tree",),
     **dict.fromkeys(
-        ("panel_bottom", "panel_centre", "panel_height", "panel_width", "facing", "facing_from", "pole_id"), ("sign",)
+        (
+            *("panel_bottom", "panel_centre", "panel_height", "panel_width", "panel_shape"),
+            *("facing", "facing_from", "pole_id"),
+        ),
+        ("sign",),
     ),
 }
 """Column to the kinds that have it; all kinds have the others."""
 
 
 def fields_of_kind(kind: str) -> list[str]:
-    """Return the columns that objects of a kind have.
-
-    Parameters
-    ----------
-    kind : str
-        Kind of object.
-
-    Returns
-    -------
-    list of str
-        Names in the order of `FIELDS`.
+    """Return the columns that objects of a kind have, in the order of `FIELDS`.
 
     Examples
     --------
@@ -159,18 +147,7 @@ _LEAST_STANDOFF = 0.03  # minimum distance of a panel from the axis of its pole 
 
 
 def empty_table(fields: Mapping[str, str]) -> pd.DataFrame:
-    """Return an empty table with typed columns.
-
-    Parameters
-    ----------
-    fields : mapping of str to str
-        Column name to dtype, such as `OBJECT_FIELDS`.
-
-    Returns
-    -------
-    DataFrame
-        The columns in order, without rows.
-    """
+    """Return an empty table with typed columns, such as `OBJECT_FIELDS`."""
     return _empty(tuple(fields.items())).copy()
 
 
@@ -181,24 +158,14 @@ def _empty(fields: tuple[tuple[str, str], ...]) -> pd.DataFrame:
 
 
 def object_table(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
-    """Return the table of measured objects; numbers, links and stationing are not set.
-
-    Parameters
-    ----------
-    rows : sequence of dict
-        `ObjectMeasures` of each object, with `class`, `kind` and the name of the scene.
-
-    Returns
-    -------
-    DataFrame
-        Columns of `OBJECT_FIELDS`.
-    """
+    """Return the table of measured objects; numbers, links and stationing are not set."""
     if not rows:
         return empty_table(OBJECT_FIELDS)
     unknown: dict[str, Any] = {
         **dict.fromkeys(("object_id", "pole_id", *SEEN_BY), 0),
         **dict.fromkeys(("station", "offset", "first_time", "last_time"), np.nan),
         **dict.fromkeys(("method", "model_version", "status", "checked_class", "reasons", "motion", "key"), ""),
+        **dict.fromkeys(("pole_type", "panel_shape"), ""),
     }
     known = pd.DataFrame(list(rows))
     missing = {name: value for name, value in unknown.items() if name not in known}
@@ -208,26 +175,10 @@ def object_table(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
 def finish_table(
     objects: pd.DataFrame, classes: Sequence[str], trajectory: Trajectory | None
 ) -> tuple[pd.DataFrame, NDArray[np.int64]]:
-    """Add stationing, round, sort, number and link the objects of a pass.
+    """Add stationing, round, sort, number and link the objects of a pass; return them with their earlier `object_id`.
 
-    A sign is linked to the nearest pole within 0.75 m of its edge in plan that reaches its lower edge to within
-    0.75 m. A panel without a post of its own faces away from that pole.
-
-    Parameters
-    ----------
-    objects : DataFrame
-        Objects of a pass: columns of `OBJECT_FIELDS`.
-    classes : sequence of str
-        Class names in sort order.
-    trajectory : Trajectory or None
-        Trajectory for station and offset.
-
-    Returns
-    -------
-    table : DataFrame
-        Columns of `OBJECT_FIELDS`, numbered from 1.
-    earlier : ndarray of int64
-        The `object_id` in `objects` of each row.
+    A sign is linked to the nearest pole within 0.75 m of its edge in plan that reaches its lower edge to within 0.75 m.
+    A panel without a post of its own faces away from that pole.
     """
     table = objects.copy()
     if trajectory is not None and len(table):

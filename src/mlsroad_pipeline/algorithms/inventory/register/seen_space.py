@@ -81,22 +81,8 @@ def add_rays(
     points: NDArray[np.float64],
     point_kind: NDArray[np.uint8],
 ) -> None:
-    """Add rays to the counts, in place.
-
-    Parameters
-    ----------
-    seen : SeenSpace
-        The counts.
-    index : PlaceIndex
-        The places.
-    place_kind : ndarray of uint8, shape (n,)
-        Kind of each place.
-    scanner : ndarray of float64, shape (m, 3)
-        Position of the scanner at each ray, metres.
-    points : ndarray of float64, shape (m, 3)
-        End of each ray, metres.
-    point_kind : ndarray of uint8, shape (m,)
-        Kind of the object of each point, or one of the codes.
+    """Add rays from the scanner to points, each with the kind of its object or one of the codes, to the counts, in
+    place.
     """
     grid = (index.start, index.rows, index.shape[0], index.shape[1], index.edge, *index.corner.tolist())
     _add_rays(index.places, grid, place_kind, scanner, points, point_kind, *seen)

@@ -22,6 +22,8 @@ MOVED_REACH = 5.0
 """Largest distance of an entry that moved, metres."""
 SAME_HEIGHT = 0.2
 """Largest relative difference of the heights of an entry and the object that it surely moved to."""
+OTHER_HEIGHT = 0.5
+"""Least ratio of the heights of an entry and an object of another kind at its place."""
 RADIUS = {"pole": 0.5, "sign": 0.5, "tree": 0.7}
 """Radius around the place of an entry in which it is searched for, metres."""
 TOP = 3.0
@@ -170,6 +172,10 @@ def _match_other_kinds(entries: pd.DataFrame, objects: pd.DataFrame, matches: Ma
     free = np.flatnonzero(~matches.used)
     places, found = (table[["x", "y"]].to_numpy(dtype=np.float64) for table in (entries, objects))
     a, b = assign_one_to_one(places[own], found[free], min(REACH.values()))
+    heights = [t["height"].to_numpy(np.float64)[r] for t, r in ((entries, own[a]), (objects, free[b]))]
+    # Other heights: a neighbour that hides the object, such as the tree around a lamp. Unknown ones prove nothing.
+    near = ~(np.minimum(*heights) < OTHER_HEIGHT * np.maximum(*heights))
+    a, b = a[near], b[near]
     matches.state[own[a]], matches.row[own[a]], matches.used[free[b]] = OTHER_KIND, free[b], True
 
 

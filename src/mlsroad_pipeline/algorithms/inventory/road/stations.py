@@ -19,6 +19,7 @@ REACH = 20.0
 _SMOOTH = 1.5  # standard deviation of the weights of positions, metres: headings of recorded paths jitter
 _PIECE = 60  # stations that are located together
 _AHEAD = 30  # metres of path before and after a piece that its points may be nearer to
+_LEAST_STEP, _MOST_BACK = 1.0, 0.05  # metres: standing vehicles jitter; share of steps that may turn back
 
 
 class Located(NamedTuple):
@@ -27,6 +28,23 @@ class Located(NamedTuple):
     row: NDArray[np.int64]  # Row of the point
     station: NDArray[np.float64]  # Metres
     offset: NDArray[np.float64]  # Metres, positive to the right
+
+
+def check_driven(trajectory: Trajectory) -> None:
+    """Raise DataError where steps turn back, as between the rows of a table that is no path."""
+    last, kept = -np.inf, []
+    for row, station in enumerate(trajectory.station.tolist()):
+        if station - last >= _LEAST_STEP:
+            last = station
+            kept.append(row)
+    step = np.diff(trajectory.xyz[kept, :2], axis=0)
+    back = np.flatnonzero((step[1:] * step[:-1]).sum(axis=1) < 0)
+    if len(back) > max(1, _MOST_BACK * (len(step) - 1)):
+        x, y = trajectory.xyz[kept[back[0] + 1], :2]
+        raise DataError(
+            f"{trajectory.source} is not a path: {len(back)} of {len(step) - 1} steps turn back by more than 90 "
+            f"degrees, the first at {x:.2f}, {y:.2f}; name the positions of the vehicle in the order of travel"
+        )
 
 
 @dataclass(frozen=True)

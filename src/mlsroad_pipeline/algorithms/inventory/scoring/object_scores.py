@@ -150,18 +150,7 @@ def precision_recall_curve(
 ) -> pd.DataFrame:
     """Return precision and recall of the objects whose score is at least a threshold, matched anew at each.
 
-    Parameters
-    ----------
-    objects, truth : DataFrame
-        As for `match_objects`; `objects` also has `score`.
-    reach : mapping of str to float, optional
-        As for `match_objects`.
-
-    Returns
-    -------
-    DataFrame
-        `kind`, `least_score`, `listed`, `precision`, `recall`, `f_score`. Each kind has one row per distinct score, or
-        one per quantile if there are more than `CURVE_POINTS` scores.
+    Each kind has one row per distinct score, or one per quantile if there are more than `CURVE_POINTS` scores.
     """
     rows = []
     for kind in sorted(set(objects["kind"])):
@@ -184,20 +173,10 @@ def _thresholds(scores: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def errors_of_measures(matched: MatchedObjects) -> pd.DataFrame:
-    """Return the errors of the measures of the objects that are right.
+    """Return the errors of the measures of right objects: listed minus true, NaN where one is unknown.
 
-    Parameters
-    ----------
-    matched : MatchedObjects
-        The outcomes; `objects` has columns of an inventory, `truth` those of them that are known.
-
-    Returns
-    -------
-    DataFrame
-        One row per right object, with its `object_id` where it has one, its `kind` and the columns of `MEASURES`:
-        listed minus true, NaN where one is unknown. `position` is the distance in plan. A vehicle's heading, a facing
-        of unknown side and that of a panel with two fronts (`two_sided` of the truth) are compared modulo 180 degrees,
-        and the direction of lean from a true tilt of `LEAST_LEAN` on.
+    `position` is the distance in plan. A vehicle's heading, a facing of unknown side and that of a panel with two
+    fronts are compared modulo 180 degrees, and the direction of lean from a true tilt of `LEAST_LEAN` on.
     """
     right = matched.objects[matched.objects["outcome"] == RIGHT]
     true = matched.truth.iloc[right["true_row"].to_numpy()].set_axis(right.index)
@@ -219,19 +198,7 @@ def errors_of_measures(matched: MatchedObjects) -> pd.DataFrame:
 
 
 def summarise_measures(errors: pd.DataFrame) -> pd.DataFrame:
-    """Summarise errors by kind and measure.
-
-    Parameters
-    ----------
-    errors : DataFrame
-        Errors, see `errors_of_measures`.
-
-    Returns
-    -------
-    DataFrame
-        One row per kind and known measure: `kind`, `measure`, `unit`, `n`, `bias` (median of the errors), `median` and
-        `quantile_90` of the absolute errors.
-    """
+    """Summarise errors by kind and measure: bias (median), and median and 90 % quantile of the absolute errors."""
     rows = []
     for kind, group in errors.groupby("kind", sort=True):
         for name, unit in MEASURES.items():

@@ -194,11 +194,6 @@ def _softly(bundle: ModelBundle, cloud: PointCloud) -> SoftLabels:
     return soft._replace(probabilities=table.astype(np.float32), owner=owner)
 
 
-def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Label the points of a cloud."""
-    return label_cloud_softly(cloud, bundle)[:2]
-
-
 def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
     """Label the points of a cloud, and return the class probabilities."""
     base, trees = labeller_of(bundle), added_trees(bundle)

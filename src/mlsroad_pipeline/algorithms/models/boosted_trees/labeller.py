@@ -105,11 +105,6 @@ def _label_softly(scene: PointCloud, ground: Ground, bundle: ModelBundle) -> Sof
     return SoftLabels(label, confidence, probabilities.astype(np.float32), owner)
 
 
-def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Label the points of a cloud: ground and trees."""
-    return label_cloud_softly(cloud, bundle)[:2]
-
-
 def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
     """Label the points of a cloud, and return the class probabilities of its voxels."""
     if len(cloud) == 0 or not inliers(cloud).any():

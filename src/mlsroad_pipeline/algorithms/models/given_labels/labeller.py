@@ -35,11 +35,6 @@ def given_bundle(scheme: ClassScheme, codes: NDArray[np.uint8] | None = None) ->
     return ModelBundle(SLUG, {}, metadata)
 
 
-def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Return the labels of a cloud."""
-    return label_cloud_softly(cloud, bundle)[:2]
-
-
 def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
     """Return the labels of a cloud: of its columns, else of a labelled file, else none."""
     if PROBABILITIES in cloud:

@@ -192,12 +192,6 @@ def members_of(bundle: ModelBundle) -> dict[str, ModelBundle]:
     return found
 
 
-def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Label the points of a cloud."""
-    soft = label_cloud_softly(cloud, bundle)
-    return soft.labels, soft.confidence
-
-
 def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
     """Label the points of a cloud, and return the class probabilities of the pool."""
     pooled = pooled_voxels(cloud, bundle)

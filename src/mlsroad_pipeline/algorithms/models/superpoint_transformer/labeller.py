@@ -132,12 +132,6 @@ def parameters_of(bundle: ModelBundle) -> SuperpointTransformerParameters:
     return SuperpointTransformerParameters(**bundle.metadata["parameters"]["superpoint_transformer"])
 
 
-def label_cloud(cloud: PointCloud, bundle: ModelBundle) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-    """Label the points of a cloud: all stages and the network."""
-    soft = label_cloud_softly(cloud, bundle)
-    return soft.labels, soft.confidence
-
-
 def label_cloud_softly(cloud: PointCloud, bundle: ModelBundle) -> SoftLabels:
     """Label the points of a cloud, and return the class probabilities of the superpoints."""
     if len(cloud) == 0 or not inliers(cloud).any():

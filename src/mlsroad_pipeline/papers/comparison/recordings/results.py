@@ -21,7 +21,7 @@ PARTS = ("all", "test")
 def study_tables(
     plan: StudyPlan, results: Mapping[str, Mapping[str, Any]], times: Mapping[str, Mapping[str, NDArray]]
 ) -> dict[str, pd.DataFrame]:
-    """Make the tables of all stored runs; splits of the scores are ``<source>_<protocol>_<part>``."""
+    """Make the tables of all stored runs; splits of the scores are ``<source>/<protocol>/<part>``."""
     long, wide, bins = [], [], []
     for run in stored_runs(plan, results):
         result = results[run.key]
@@ -85,7 +85,7 @@ def _overall(part: PartScores) -> dict[str, float]:
 
 
 def _long_rows(run: Run, part: str, found: PartScores) -> pd.DataFrame:
-    split, total = f"{run.source}_{run.protocol}_{part}", int(found.figures.support.sum())
+    split, total = f"{run.source}/{run.protocol}/{part}", int(found.figures.support.sum())
     rows: list[tuple[Any, ...]] = [
         (run.method, split, name, metric, value, support)
         for metric in ("iou", "f1")

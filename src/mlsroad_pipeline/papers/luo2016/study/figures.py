@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.papers.luo2016.study.plan import StudyPlan
-from mlsroad_pipeline.papers.luo2016.study.runs import PRINTED, PRINTED_REFINED, REFINED
+from mlsroad_pipeline.papers.luo2016.study.runs import PRINTED, PRINTED_BASELINES, PRINTED_REFINED, REFINED
 from mlsroad_pipeline.papers.luo2016.study.scores import CLASSES, MEANS
 from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_lines, draw_panels, legend_below, name_axes
 from mlsroad_pipeline.papers.shared.studies.streets import street_key
@@ -63,7 +63,7 @@ def _methods(table: pd.DataFrame) -> Figure:
     figure, (axes,) = draw_panels(1, width=11, height=4.2)
     names = [*CLASSES, *MEANS]
     f1 = table[table["metric"] == "f1"]
-    order = list(dict.fromkeys(f1["method"]))
+    order = [method for method in dict.fromkeys(f1["method"]) if method not in PRINTED_BASELINES]
     wide = {column: f1.pivot(index="class", columns="method", values=column) for column in ("mean", "spread", "paper")}
     shown = {column: {slug: rows.reindex(names)[slug] for slug in order} for column, rows in wide.items()}
     draw_bars(axes, names, shown["mean"], spread=shown["spread"], paper=shown["paper"])

@@ -17,6 +17,7 @@ from mlsroad_pipeline.papers.luo2016.study.runs import (
     AS_PRINTED,
     GRAPH,
     PRINTED,
+    PRINTED_BASELINES,
     REFINES,
     RUNS,
     RunResult,
@@ -239,7 +240,11 @@ def plan_study(
 ) -> StudyPlan:
     """Return the plan with the changes of the scale."""
     scheme = find_scheme(classes["schemes"], study.scheme)
-    parameters = method_parameters(methods, study.chosen_scale().methods)
+    changes = study.chosen_scale().methods
+    untuned = method_parameters(methods)
+    parameters = method_parameters(methods, changes)
+    for printed, method in PRINTED_BASELINES.items():
+        parameters[printed] = changed(untuned[method], changes.get(printed, {}))
     return StudyPlan(study, scheme, ground_removal, patches, parameters)
 
 

@@ -29,12 +29,17 @@ from mlsroad_pipeline.papers.shared.studies.streets import timed
 
 GRAPH, REFINED = "patch_graph", "patch_graph_mrf"
 PRINTED, PRINTED_REFINED = "patch_graph_printed", "patch_graph_mrf_printed"
-METHODS = (
-    "patch_svm", "patch_forest", "shape_based", "max_margin_markov", PRINTED, PRINTED_REFINED, GRAPH, REFINED,
-)  # fmt: skip
-"""The methods in the order of the paper's Table III; the last two are the improved ones."""
+BASELINES = ("patch_svm", "patch_forest", "shape_based", "max_margin_markov")
+CONFIGURED = (*BASELINES, PRINTED, PRINTED_REFINED, GRAPH, REFINED)
+"""Methods with parameters of their own, in the order of the paper's Table III; the last two are the improved ones."""
 
-AS_PRINTED = (PRINTED, PRINTED_REFINED)
+PRINTED_BASELINES = {f"{method}_printed": method for method in BASELINES}
+"""Baselines on the paper's histograms without tuning, to their methods."""
+
+METHODS = (*BASELINES, *PRINTED_BASELINES, *CONFIGURED[len(BASELINES) :])
+"""The rows of Table III."""
+
+AS_PRINTED = (PRINTED, PRINTED_REFINED, *PRINTED_BASELINES)
 """Methods on the patches of the paper."""
 
 REFINES = {PRINTED: PRINTED_REFINED, GRAPH: REFINED}
@@ -116,7 +121,8 @@ def train_and_score(
     pictured: bool = False,
 ) -> RunResult:
     """Train a method and score it at full resolution."""
-    fit = _train_objects if method == shape_based.SLUG else _train_graph if method in REFINES else _train_patches
+    kind = PRINTED_BASELINES.get(method, method)
+    fit = _train_objects if kind == shape_based.SLUG else _train_graph if method in REFINES else _train_patches
     facts, label = fit(train, method, parameters, stages, scheme)
     matrices: dict[str, list[NDArray[np.int64]]] = {name: [] for name in facts}
     seconds, shown = dict.fromkeys(facts, 0.0), dict[str, NDArray[np.int8]]()
@@ -153,7 +159,7 @@ def _train_patches(
     train: Mapping[str, Street], method: str, parameters: Mapping[str, Any], stages: PatchStages, scheme: ClassScheme
 ) -> Trained:
     kinds: dict[str, Any] = {"patch_svm": PatchSvm, "patch_forest": PatchForest, "max_margin_markov": MaxMarginMarkov}
-    joined, kind = _joined(train), kinds[method]
+    joined, kind = _joined(train), kinds[PRINTED_BASELINES.get(method, method)]
     classifier, seconds = timed(kind.fit, *joined, parameters=parameters[method], n_classes=len(scheme))
     choice = getattr(classifier, "choice", None)
     facts = {} if choice is None else {"cost": choice.cost, "gamma": choice.gamma}

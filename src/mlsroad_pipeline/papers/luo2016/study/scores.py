@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.metrics.confusion import scores
-from mlsroad_pipeline.papers.shared.studies.study import paired_interval, paper_table
+from mlsroad_pipeline.papers.shared.studies.study import holm, p_value, paired_interval, paper_table
 
 CLASSES = ("road", "grass", "palm tree", "cycas", "brushwood", "light pole", "vehicle")
 """The seven classes of Table I that means are taken over; `other` is excluded."""
@@ -57,8 +57,7 @@ def table_three(scored: pd.DataFrame) -> pd.DataFrame:
     grouped = scored.groupby(["method", "class", "metric"], sort=False)["value"]
     table = grouped.agg(mean="mean", spread="std", repetitions="count").reset_index()
     paper = paper_table("luo2016", "table_3").melt(["method", "metric"], var_name="class", value_name="paper")
-    printed = paper[paper["method"].isin(("patch_graph", "patch_graph_mrf"))]
-    paper = pd.concat([paper, printed.assign(method=printed["method"] + "_printed")])
+    paper = pd.concat([paper, paper.assign(method=paper["method"] + "_printed")])
     means = [
         paper[paper["class"].isin(members)]
         .groupby(["method", "metric"], sort=False)["paper"]
@@ -92,7 +91,8 @@ def paired_differences(
 def all_pairs(scored: pd.DataFrame, *, confidence: float = 0.95) -> pd.DataFrame:
     """Compare the mean F1 of every two methods; a pair is `sure` if its interval does not contain 0.
 
-    The mean is that of seven classes, or that of five where one of the two does not predict the others.
+    `p` is that of the paired t-test after Holm's correction for all pairs. The mean is that of seven classes, or of
+    five where one of the two does not predict the others.
     """
     methods = list(dict.fromkeys(scored["method"]))
     f1 = scored[scored["metric"] == "f1"]
@@ -101,12 +101,14 @@ def all_pairs(scored: pd.DataFrame, *, confidence: float = 0.95) -> pd.DataFrame
         for second in methods[place + 1 :]:
             for mean in MEANS:
                 wide = f1[f1["class"] == mean].pivot(index="repetition", columns="method", values="value")
-                centre, low, high, n = paired_interval((wide[first] - wide[second]).to_numpy(), confidence)
+                apart = (wide[first] - wide[second]).to_numpy()
+                centre, low, high, n = paired_interval(apart, confidence)
                 if n:
-                    rows.append((first, second, mean, centre, low, high, n, low > 0 or high < 0))
+                    rows.append((first, second, mean, centre, low, high, n, low > 0 or high < 0, p_value(apart)))
                     break
-    columns = ["method", "other", "mean_over", "difference", "low", "high", "repetitions", "sure"]
-    return pd.DataFrame(rows, columns=columns)
+    columns = ["method", "other", "mean_over", "difference", "low", "high", "repetitions", "sure", "p"]
+    pairs = pd.DataFrame(rows, columns=columns)
+    return pairs.assign(p=holm(pairs["p"].to_numpy(np.float64)))
 
 
 def sensitivity_table(

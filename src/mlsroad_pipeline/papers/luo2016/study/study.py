@@ -12,7 +12,7 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.papers.luo2016.study import plan as stages
 from mlsroad_pipeline.papers.luo2016.study.figures import CAPTIONS, study_figures
-from mlsroad_pipeline.papers.luo2016.study.runs import METHODS, PRINTED_REFINED, REFINED, RunResult
+from mlsroad_pipeline.papers.luo2016.study.runs import CONFIGURED, METHODS, PRINTED_REFINED, REFINED, RunResult
 from mlsroad_pipeline.papers.luo2016.study.scores import (
     CLASSES,
     MEANS,
@@ -30,7 +30,7 @@ from mlsroad_pipeline.papers.shared.studies.study import Shown, Stage, Study, Ta
 Results = Mapping[str, RunResult]
 """Key of a run to its result."""
 
-PREDICTED = {"shape_based": OBJECTS}
+PREDICTED = {"shape_based": OBJECTS, "shape_based_printed": OBJECTS}
 """Classes of a method that predicts only some: shape-based recognition does not label the ground."""
 
 
@@ -152,8 +152,8 @@ PAPER_ON_PATCH_SIZE = (
     "from 0.30 to 0.35 m. Training time falls with patch size. The paper uses 0.2 m."
 )
 PAPER_ON_SEARCH_RADIUS = (
-    "Paper (diamonds at 1.0 m: its Table III): F1 hardly changes from 0.3 to 1.5 m. The objective falls and training "
-    "time rises with the radius. The paper uses 1.0 m."
+    "Paper (diamonds at 1.0 m: its Table III): F1 hardly changes from 0.3 to 1.5 m. The objective (Figure 11) falls "
+    "and training time (Figure 10) rises with the radius. The paper uses 1.0 m."
 )
 
 NOTE_ON_TABLE_1 = (
@@ -162,7 +162,8 @@ NOTE_ON_TABLE_1 = (
 )
 NOTE_ON_PAIRS = (
     "Mean F1 of the first method minus that of the second, paired by test street, with 95 % intervals; sure: the "
-    "interval does not contain 0. The intervals hold for one pair at a time."
+    "interval does not contain 0. The intervals hold for one pair at a time, p of the paired t-test for all pairs "
+    "together (Holm 1979)."
 )
 
 
@@ -228,7 +229,7 @@ def make_streets(plan: stages.StudyPlan) -> dict[str, SceneTask]:
 STUDY = Study(
     "luo2016",
     "Luo et al. 2016 on simulated streets",
-    parameters=("classes", "ground_removal", "patches", *METHODS),
+    parameters=("classes", "ground_removal", "patches", *CONFIGURED),
     plan=stages.plan_study,
     stages=[
         Stage("make_luo2016_streets", make_streets, [], "streets"),

@@ -125,17 +125,22 @@ def isolated_points(
 
 
 def _isolated(xyz: NDArray[np.float64], factor: float, least: int) -> NDArray[np.bool_]:
-    keep = np.ones(len(xyz), dtype=np.bool_)
+    """Select isolated points; a later pass searches again only for points that have lost a neighbour."""
+    keep, stale = np.ones((2, len(xyz)), dtype=np.bool_)
+    spacing, near = np.zeros(len(xyz)), np.zeros((len(xyz), NEIGHBOURS), dtype=np.int64)
     for _ in range(PASSES):
         rows = np.flatnonzero(keep)
         if len(rows) <= max(least, NEIGHBOURS):
             break
-        distance, _ = cKDTree(xyz[rows]).query(xyz[rows], k=NEIGHBOURS + 1)
-        spacing = distance[:, 1:].mean(axis=1)
-        alone = spacing > factor * np.median(spacing)
+        if len(new := np.flatnonzero(keep & stale)):
+            tree = cKDTree(xyz[rows], compact_nodes=False, balanced_tree=False)  # faster for one search
+            distance, found = tree.query(xyz[new], k=NEIGHBOURS + 1)
+            spacing[new], near[new] = distance[:, 1:].mean(axis=1), rows[found[:, 1:]]
+        alone = spacing[rows] > factor * np.median(spacing[rows])
         if not alone.any() or len(rows) - alone.sum() < _LEAST_SHARE * len(xyz):
             break
         keep[rows[alone]] = False
+        stale = np.logical_not(keep[near].all(axis=1))
     return ~keep
 
 
@@ -244,7 +249,7 @@ def encode(
             isotropic=parameters.isotropic,
             window=window,
             bilinear=parameters.bilinear,
-            printed_rows=parameters.printed_rows,
+            printed=parameters.printed_equations,
         )
 
     shares = dict(zip(VIEWS, draw(weight), strict=True))

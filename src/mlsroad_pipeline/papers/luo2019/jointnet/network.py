@@ -65,19 +65,23 @@ class JointNet(nn.Module):
         self.views = tuple(inputs.views)
         n_measures = N_MEASURES if inputs.measures else 0
         self.convolutional = _convolutional_module(layers, 2 if inputs.intensity else 1)
-        self.fusion_1 = nn.ModuleDict({view: _first_fusion(layers) for view in self.views})
-        self.fusion_2 = nn.ModuleDict({view: CNN3(layers, n_measures, n_classes) for view in self.views})
+        first, second = (_first_fusion, CNN3) if layers.fusion else (_no_fusion, FullyConnected)
+        self.fusion_1 = nn.ModuleDict({view: first(layers) for view in self.views})
+        self.fusion_2 = nn.ModuleDict({view: second(layers, n_measures, n_classes) for view in self.views})
         self.by_measures = _measures_head(layers, n_measures, n_classes) if n_measures else None
         self.register_buffer("shift", torch.zeros(n_measures))
         self.register_buffer("scale", torch.ones(n_measures))
-        self._start(n_classes)
+        self._start(n_classes, layers.initialisation)
 
-    def _start(self, n_classes: int) -> None:
-        """Initialise the weights after He et al. 2015, which keeps the variance over thirteen layers of rectifiers."""
+    def _start(self, n_classes: int, initialisation: str) -> None:
+        """Initialise the weights after He et al. 2015, or after Glorot and Bengio 2010 as TensorFlow does."""
         for module in self.modules():
             if isinstance(module, nn.Conv2d | nn.Linear):
                 last = isinstance(module, nn.Linear) and module.out_features == n_classes
-                nn.init.kaiming_normal_(module.weight, nonlinearity="linear" if last else "relu")
+                if initialisation == "glorot":
+                    nn.init.xavier_uniform_(module.weight)
+                else:
+                    nn.init.kaiming_normal_(module.weight, nonlinearity="linear" if last else "relu")
                 if module.bias is not None:
                     nn.init.zeros_(module.bias)
 
@@ -121,6 +125,10 @@ def _first_fusion(p: NetworkParameters) -> nn.Sequential:
     )
 
 
+def _no_fusion(p: NetworkParameters) -> nn.Sequential:
+    return nn.Sequential(nn.Flatten(), nn.Dropout(p.dropout))
+
+
 def _measures_head(p: NetworkParameters, n_measures: int, n_classes: int) -> nn.Sequential:
     return nn.Sequential(
         nn.Linear(n_measures, p.n_hidden),
@@ -154,6 +162,19 @@ class CNN3(nn.Module):
         """Return the scores of one view."""
         values = self.dropout(torch.cat([self.convolutions(maps), measures], dim=1))
         scores: Tensor = self.scores(self.dropout(torch.relu(self.hidden(values))))
+        return scores
+
+
+class FullyConnected(nn.Module):
+    """Fully connected layer on the values of all images of a view, in place of reshape layer and fusion modules."""
+
+    def __init__(self, p: NetworkParameters, n_measures: int, n_classes: int) -> None:
+        super().__init__()
+        self.scores = nn.Linear(N_PARTS * p.map_channels * p.map_size**2 + n_measures, n_classes)
+
+    def forward(self, values: Tensor, measures: Tensor) -> Tensor:
+        """Return the scores of one view."""
+        scores: Tensor = self.scores(torch.cat([values, measures], dim=1))
         return scores
 
 

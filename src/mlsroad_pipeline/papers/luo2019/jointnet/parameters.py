@@ -41,8 +41,9 @@ class InputParameters:
     # Distribute a point over the four cells around it, as in the spin images of Johnson and Hebert (1999) that HSSI
     # follows; images of few points are less noisy then. Luo2019 prints one cell per point.
     bilinear: bool = False
-    # Rows of HSSI by equation 4 as printed, which leaves half of the image empty; see `compute_images`
-    printed_rows: bool = False
+    # Equations 4, 7 and 8 as printed; rows and cells of equations 4 and 8 leave most of the images empty, see
+    # `compute_images`
+    printed_equations: bool = False
     relative: bool = True  # Divide counts by the number of points of the object (luo2019: no)
     # Leave out points whose mean distance to their four nearest points is more than this factor times the median of the
     # object (statistical outlier removal); 0 keeps all (luo2019: all)
@@ -85,6 +86,12 @@ class NetworkParameters:
     # Dropout rate before the last two layers (luo2019: 0.7, read as the keep probability of TensorFlow)
     dropout: float = 0.3
     batch_norm: bool = True  # Apply batch normalisation after convolutions (luo2019: no)
+    # Use both fusion modules; without them a fully connected layer replaces the reshape layer, as in the sub-networks
+    # of section 4.3 (luo2019: both networks)
+    fusion: bool = True
+    # Initial weights: he (2015) keeps the variance over layers of rectifiers; glorot (2010) starts smaller, which raw
+    # counts need (luo2019: not specified; the default of its TensorFlow is glorot)
+    initialisation: Literal["he", "glorot"] = "he"
 
     def __post_init__(self) -> None:
         for name, number in (("convolutional_widths", 5), ("fusion_widths", 2), ("cnn3_widths", 4)):
@@ -95,6 +102,8 @@ class NetworkParameters:
         for name in ("n_hidden", "map_channels", "map_size"):
             _whole(getattr(self, name), f"network.{name}")
         _share(self.dropout, "network.dropout")
+        if self.initialisation not in ("he", "glorot"):
+            raise ParameterError(f"network.initialisation must be he or glorot, got {self.initialisation!r}")
 
 
 @dataclass(frozen=True)

@@ -38,23 +38,8 @@ logger = logging.getLogger(__name__)
 class JointNetRecogniser:
     """Recogniser of objects by accumulation images (Luo et al. 2019).
 
-    Parameters
-    ----------
-    parameters : JointNetParameters, optional
-        Inputs, layers and training schedule.
-    checkpoints : Checkpoints, optional
-        Storage of training states, such as `TorchCheckpoints`; an interrupted training resumes from it.
-    progress : bool, default False
-        Show progress bars of the training.
-
-    Attributes
-    ----------
-    classes_ : ndarray
-        The classes, sorted; columns of `predict_proba`.
-    regression_ : MeasureRegression or None
-        Kernel logistic regression on the measures; None without it.
-    histories_ : list of list of dict
-        Losses of each network and epoch.
+    An interrupted training resumes from its `checkpoints`. `regression_` is a kernel logistic regression on the
+    measures, None without it; `histories_` has the losses of each network and epoch.
     """
 
     def __init__(
@@ -70,29 +55,7 @@ class JointNetRecogniser:
     def fit(
         self, objects: Sequence[ArrayLike], classes: ArrayLike, *, intensities: Sequence[ArrayLike] | None = None
     ) -> Self:
-        """Train.
-
-        Parameters
-        ----------
-        objects : sequence of array-like of shape (n_i, 3)
-            Points of each object, metres, z up.
-        classes : array-like of shape (objects,)
-            Class of each object, any sortable values.
-        intensities : sequence of array-like of shape (n_i,), optional
-            Intensity of each point in [0, 1].
-
-        Returns
-        -------
-        JointNetRecogniser
-            The fitted recogniser.
-
-        Raises
-        ------
-        DataError
-            If an object is empty or not finite, there is not one class per object, or only one class occurs.
-        ReadError
-            If a checkpoint is damaged or of another training.
-        """
+        """Train on points in metres, z up, and intensities in [0, 1]; classes are any sortable values."""
         self.classes_, target = check_training(objects, classes, method="jointnet")
         points = _points(objects, intensities)
         self.networks_, self.histories_ = [], []
@@ -114,26 +77,10 @@ class JointNetRecogniser:
     def predict_proba(
         self, objects: Sequence[ArrayLike], *, intensities: Sequence[ArrayLike] | None = None
     ) -> NDArray[np.float64]:
-        """Return the probability of each class.
+        """Return the probability of each class: the softmax of the summed scores, averaged over networks and headings.
 
-        Parameters
-        ----------
-        objects : sequence of array-like of shape (n_i, 3)
-            Points of each object, metres, z up; at least one each.
-        intensities : sequence of array-like of shape (n_i,), optional
-            Intensity of each point in [0, 1].
-
-        Returns
-        -------
-        ndarray of float64, shape (objects, classes)
-            Probabilities: the softmax of the summed scores, averaged over networks and headings, and averaged with
-            those of the regression on the measures. For objects without intensity, only the networks count where the
-            training objects have it.
-
-        Raises
-        ------
-        DataError
-            If an object is empty or not finite.
+        It is averaged with that of the regression on the measures. For objects without intensity, only the networks
+        count where the training objects have it.
         """
         total = np.zeros((len(objects), len(self.classes_)))
         if not len(objects):
@@ -162,20 +109,7 @@ class JointNetRecogniser:
         return summed
 
     def predict(self, objects: Sequence[ArrayLike], *, intensities: Sequence[ArrayLike] | None = None) -> NDArray:
-        """Return the class with the highest probability.
-
-        Parameters
-        ----------
-        objects : sequence of array-like of shape (n_i, 3)
-            Points of each object.
-        intensities : sequence of array-like of shape (n_i,), optional
-            Intensity of each point.
-
-        Returns
-        -------
-        ndarray of shape (objects,)
-            Classes.
-        """
+        """Return the class with the highest probability."""
         return self.classes_[self.predict_proba(objects, intensities=intensities).argmax(axis=1)]
 
     def to_arrays(self) -> dict[str, NDArray]:
@@ -189,25 +123,7 @@ class JointNetRecogniser:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray], parameters: JointNetParameters) -> Self:
-        """Rebuild a recogniser from the arrays of `to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            Classes and weights.
-        parameters : JointNetParameters
-            Parameters of the training.
-
-        Returns
-        -------
-        JointNetRecogniser
-            The trained recogniser.
-
-        Raises
-        ------
-        DataError
-            If an array is missing, or the weights do not fit the parameters or the number of classes.
-        """
+        """Rebuild a recogniser from the arrays of `to_arrays`."""
         if "classes" not in arrays:
             raise DataError("the arrays of jointnet lack 'classes'")
         self = cls(parameters)

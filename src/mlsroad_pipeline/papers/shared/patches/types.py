@@ -15,24 +15,7 @@ from mlsroad_pipeline.papers.shared.patches.table import Patches
 class ScenePatches(TypedDict):
     """Patches of a scene as stored arrays: the columns of `Patches`, and their relation to the points.
 
-    Attributes
-    ----------
-    fpfh : ndarray of float32, shape (p, d)
-        Histogram of each patch.
-    rgb : ndarray of float32, shape (p, 3)
-        Mean colour in [0, 1]; absent without colour.
-    height : ndarray of float32, shape (p,)
-        Height above the local ground in metres.
-    centroid : ndarray of float64, shape (p, 3)
-        Mean of the points of the patch in metres.
-    scene : ndarray of int32, shape (p,)
-        Number of the scene.
-    label : ndarray of int16, shape (p,)
-        Class, -1 if unknown.
-    patch_of_point : ndarray of int32, shape (n,)
-        Patch of each point; -1 for outliers.
-    edges : ndarray of int32, shape (m, 2)
-        Pairs of adjacent patches, each pair once.
+    `patch_of_point` is -1 for outliers; `edges` has each pair of adjacent patches once.
     """
 
     fpfh: NDArray[np.float32]
@@ -46,15 +29,7 @@ class ScenePatches(TypedDict):
 
 
 class PatchLabels(TypedDict):
-    """Classes of the patches of a training scene.
-
-    Attributes
-    ----------
-    label : ndarray of int16, shape (p,)
-        Class of each patch; -1 for patches without labelled core points.
-    station : ndarray of float64, shape (p,)
-        Station of each patch in metres.
-    """
+    """Classes (-1 without labelled core points) and stations in metres of the patches of a training scene."""
 
     label: NDArray[np.int16]
     station: NDArray[np.float64]
@@ -64,57 +39,19 @@ class PatchClassifier(Protocol):
     """Classifier of patches."""
 
     def predict_proba(self, patches: Patches, edges: NDArray[np.int32]) -> NDArray[np.floating]:
-        """Return the class probabilities of the patches of one scene.
-
-        Parameters
-        ----------
-        patches : Patches
-            The patches, with or without colour.
-        edges : ndarray of int32, shape (m, 2)
-            Pairs of adjacent patches.
-
-        Returns
-        -------
-        ndarray of float, shape (n, c)
-            Probability of every class of the scheme.
-        """
+        """Return the probability of every class of the scheme for the patches of one scene, with or without colour."""
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return the learned parameters as named arrays.
-
-        Returns
-        -------
-        dict of str to ndarray
-            The arrays.
-        """
+        """Return the learned parameters as named arrays."""
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray]) -> Self:
-        """Rebuild the classifier from the arrays of `to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The arrays.
-
-        Returns
-        -------
-        PatchClassifier
-            The classifier.
-        """
+        """Rebuild the classifier from the arrays of `to_arrays`."""
 
 
 @dataclass(frozen=True)
 class PatchStages:
-    """Parameters of the stages before a classifier; a model stores them, and new surveys are prepared with the same.
-
-    Parameters
-    ----------
-    ground : GroundParameters
-        The ground filter.
-    patches : PatchParameters
-        The patches.
-    """
+    """Parameters of the stages before a classifier; a model stores them, and new surveys are prepared with the same."""
 
     ground: GroundParameters
     patches: PatchParameters

@@ -80,6 +80,24 @@ def paired_interval(differences: NDArray[np.floating], confidence: float = 0.95)
     return mean, mean - half, mean + half, n
 
 
+def p_value(difference: NDArray[np.floating]) -> float:
+    """Return the p-value of the paired t-test."""
+    known = difference[np.isfinite(difference)]
+    if len(known) < 2 or np.ptp(known) == 0:
+        return float("nan")
+    return float(stats.ttest_1samp(known, 0.0).pvalue)
+
+
+def holm(p: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Correct p values for multiple comparisons (Holm 1979); NaN values are not counted and stay NaN."""
+    adjusted = np.full(len(p), np.nan)
+    known = np.flatnonzero(np.isfinite(p))
+    order = known[np.argsort(p[known], kind="stable")]
+    factors = np.arange(len(order), 0, -1)
+    adjusted[order] = np.minimum(np.maximum.accumulate(p[order] * factors), 1.0)
+    return adjusted
+
+
 def mean_and_spread(rows: pd.DataFrame, by: Sequence[str], columns: Sequence[str]) -> pd.DataFrame:
     """Return mean and standard deviation of columns per group."""
     groups = rows.groupby(list(by), sort=False)[list(columns)]

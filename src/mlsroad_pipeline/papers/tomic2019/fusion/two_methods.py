@@ -90,19 +90,7 @@ def spread_confidence(
 ) -> NDArray[np.float32]:
     """Return the probabilities of all classes of a labeller that gives the best class and its probability.
 
-    Parameters
-    ----------
-    labels : ndarray of shape (n,), int
-        Labels, -1 for none.
-    confidence : ndarray of shape (n,), float
-        Probability of the label.
-    n_classes : int
-        Number of classes, at least 2.
-
-    Returns
-    -------
-    ndarray of shape (n, n_classes), float32
-        The confidence for the label, the rest split evenly among the others; NaN for points without a label.
+    The rest is split evenly among the other classes; points without a label have NaN.
     """
     rest = (1 - confidence.astype(np.float32)) / np.float32(n_classes - 1)
     out = np.repeat(rest[:, None], n_classes, axis=1)
@@ -113,35 +101,14 @@ def spread_confidence(
 
 
 def best_labels(probabilities: NDArray[np.floating]) -> NDArray[np.int16]:
-    """Return the most probable class of points.
-
-    Parameters
-    ----------
-    probabilities : ndarray of shape (..., classes), float
-        Probabilities; rows of NaN where the labeller does not see the point.
-
-    Returns
-    -------
-    ndarray of shape (...), int16
-        Labels, the lowest of equally probable ones; -1 for rows of NaN.
-    """
+    """Return the most probable class, the lowest of equally probable ones; -1 for rows of NaN."""
     best = np.nan_to_num(probabilities).argmax(axis=-1)
     return np.where(np.isnan(probabilities[..., 0]), IGNORE, best).astype(np.int16)
 
 
 @dataclass(frozen=True)
 class FusedLabels:
-    """Labels of points by both fusion rules.
-
-    Parameters
-    ----------
-    images : ndarray of shape (n,), int16
-        Labels chosen among the cameras, -1 where none sees the point.
-    rule, pool : ndarray of shape (n,), int16
-        Labels by class preference and by the pool.
-    probabilities : ndarray of shape (n, classes), float64
-        Class probabilities of the pool.
-    """
+    """Labels chosen among the cameras (-1: unseen), by class preference, by the pool, and its probabilities."""
 
     images: NDArray[np.int16]
     rule: NDArray[np.int16]
@@ -153,14 +120,8 @@ class FusedLabels:
 class TwoMethodFusion:
     """Fusion of two methods, fitted on test set 1 (Tomic et al. 2019, sections 2.3 and 3.3).
 
-    Parameters
-    ----------
-    cameras : ClassPreference
-        Preference among the cameras.
-    methods : ClassPreference
-        Preference between the feature-based method (first) and the images.
-    pool : LogLinearPool
-        Pool of the feature-based method and all cameras.
+    `cameras` is the preference among the cameras, `methods` that between features (first) and images; the pool is of
+    the features and all cameras.
     """
 
     cameras: ClassPreference
@@ -172,30 +133,10 @@ class TwoMethodFusion:
         cls, features: NDArray[np.floating], cameras: NDArray[np.floating], reference: NDArray[np.integer], *,
         pool: PoolParameters | None = None, delegate: bool = True,
     ) -> TwoMethodFusion:  # fmt: skip
-        """Fit preferences and pool on test set 1.
+        """Fit preferences and pool on test set 1, whose points are in the order of the road.
 
-        Parameters
-        ----------
-        features : ndarray of shape (n, classes), float
-            Class probabilities of the feature-based method, NaN where it has no label; points in the order of the road.
-        cameras : ndarray of shape (groups, n, classes), float
-            Class probabilities of each camera; NaN where it does not see the point.
-        reference : ndarray of shape (n,), int
-            True labels; points labelled -1 are ignored.
-        pool : PoolParameters, optional
-            Parameters of the log-linear pool.
-        delegate : bool, default True
-            See `ClassPreference`.
-
-        Returns
-        -------
-        TwoMethodFusion
-            The fitted fusion.
-
-        Raises
-        ------
-        DataError
-            If shapes differ or no point is labelled.
+        Class probabilities are NaN where a method has no label, or a camera does not see the point; points labelled -1
+        are ignored.
         """
         n_classes = cameras.shape[2]
         labels, by_camera = best_labels(features), best_labels(cameras)
@@ -209,38 +150,14 @@ class TwoMethodFusion:
         return cls(among, methods, learned)
 
     def fuse(self, features: NDArray[np.floating], cameras: NDArray[np.floating]) -> FusedLabels:
-        """Fuse the labels of the feature-based method and of the cameras.
-
-        Parameters
-        ----------
-        features : ndarray of shape (n, classes), float
-            Class probabilities of the feature-based method, NaN where it has no label.
-        cameras : ndarray of shape (groups, n, classes), float
-            Class probabilities of each camera; NaN where it does not see the point.
-
-        Returns
-        -------
-        FusedLabels
-            Labels of both rules, and the probabilities of the pool.
-
-        Raises
-        ------
-        DataError
-            If the number of cameras or classes differs from that of test set 1.
-        """
+        """Fuse the class probabilities of the features and of the cameras; NaN as in `fit`."""
         images, _ = self.cameras.fuse(list(best_labels(cameras)))
         rule, _ = self.methods.fuse([best_labels(features), images])
         probabilities = self.pool.predict_proba([features, *cameras])
         return FusedLabels(images, rule, probabilities.argmax(axis=1).astype(np.int16), probabilities)
 
     def to_arrays(self) -> dict[str, NDArray]:
-        """Return the fitted state as arrays, for files without code.
-
-        Returns
-        -------
-        dict of str to ndarray
-            F1 scores of cameras and methods, and the coefficients of the pool.
-        """
+        """Return the fitted state as arrays, for files without code."""
         return {
             "camera_f1": self.cameras.f1,
             "method_f1": self.methods.f1,
@@ -254,18 +171,7 @@ class TwoMethodFusion:
 
     @classmethod
     def from_arrays(cls, arrays: dict[str, NDArray]) -> TwoMethodFusion:
-        """Rebuild a fusion from the arrays of `to_arrays`.
-
-        Parameters
-        ----------
-        arrays : mapping of str to ndarray
-            The arrays.
-
-        Returns
-        -------
-        TwoMethodFusion
-            The fitted fusion.
-        """
+        """Rebuild a fusion from the arrays of `to_arrays`."""
         pool = LogLinearPool(
             arrays["bias"], arrays["weights"], arrays["offsets"], float(arrays["floor"][0]), float(arrays["penalty"][0])
         )

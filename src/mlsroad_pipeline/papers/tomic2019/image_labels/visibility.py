@@ -132,23 +132,7 @@ class HiddenPointRemoval:
 
 
 def visibility_method(name: str) -> DepthBuffer | HiddenPointRemoval:
-    """Return a method of the visibility with its defaults.
-
-    Parameters
-    ----------
-    name : {"depth_buffer", "hidden_points"}
-        The method.
-
-    Returns
-    -------
-    DepthBuffer or HiddenPointRemoval
-        Its parameters.
-
-    Raises
-    ------
-    ParameterError
-        If the name is unknown.
-    """
+    """Return a method of the visibility with its defaults."""
     methods: dict[str, DepthBuffer | HiddenPointRemoval] = {
         "depth_buffer": DepthBuffer(),
         "hidden_points": HiddenPointRemoval(),
@@ -161,27 +145,7 @@ def visibility_method(name: str) -> DepthBuffer | HiddenPointRemoval:
 def visible_points(
     xyz: ArrayLike, camera: Camera, *, method: DepthBuffer | HiddenPointRemoval | None = None
 ) -> NDArray[np.bool_]:
-    """Return which points a camera sees.
-
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        All points that may occlude, in the frame of the camera's pose, metres.
-    camera : Camera
-        The camera.
-    method : DepthBuffer or HiddenPointRemoval, optional
-        The method; None is a `DepthBuffer` with its defaults, which is more accurate on simulated streets.
-
-    Returns
-    -------
-    ndarray of shape (n,), bool
-        True for points inside the image and within range that no other point hides.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3) or not finite.
-    """
+    """Return which points lie inside the image and within range, hidden by no other; by default by depth buffer."""
     points = check_xyz(xyz)
     parameters = DepthBuffer() if method is None else method
     pixels, depth, inside = project_points(points, camera)
@@ -195,33 +159,10 @@ def visible_points(
 
 
 def hidden_point_removal(xyz: ArrayLike, viewpoint: ArrayLike, *, radius: float) -> NDArray[np.bool_]:
-    """Return visible points by the convex hull of their spherical flip.
+    """Return visible points by the convex hull of their spherical flip (Katz et al. 2007, section 3).
 
-    Parameters
-    ----------
-    xyz : array-like of shape (n, 3)
-        Points, metres. Of coincident points only the first can be visible.
-    viewpoint : array-like of shape (3,)
-        The viewpoint, metres.
-    radius : float
-        Radius of the sphere, at least the largest distance, metres; larger marks more points visible.
-
-    Returns
-    -------
-    ndarray of shape (n,), bool
-        True for visible points; a point at the viewpoint is visible.
-
-    Raises
-    ------
-    DataError
-        If `xyz` is not (n, 3) or not finite.
-    ParameterError
-        If the radius is below the largest distance.
-
-    References
-    ----------
-    .. [1] S. Katz, A. Tal, R. Basri, "Direct visibility of point sets", ACM Transactions on Graphics 26(3), 2007,
-       section 3.
+    A larger radius marks more points visible. Of coincident points only the first can be; a point at the viewpoint is
+    visible.
     """
     seen = check_xyz(xyz).astype(np.float64) - np.asarray(viewpoint, dtype=np.float64)
     distance = np.sqrt((seen**2).sum(axis=1))

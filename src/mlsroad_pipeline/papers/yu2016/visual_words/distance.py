@@ -36,24 +36,8 @@ _NO_VARIANCE = 1e-14  # variance of a constant feature after rounding
 def inverse_covariance(descriptors: NDArray, *, rcond: float = 1e-6) -> NDArray[np.float64]:
     """Return the pseudo-inverse of the covariance over all features (A^-1 of equation 16).
 
-    The covariance is singular by construction: the three shape features sum to 1, and so does the FPFH.
-
-    Parameters
-    ----------
-    descriptors : ndarray of shape (..., d)
-        Features, at least one.
-    rcond : float, default 1e-6
-        Directions whose variance is below this share of the largest are excluded.
-
-    Returns
-    -------
-    ndarray of float64, shape (d, d)
-        Symmetric, positive semi-definite.
-
-    Raises
-    ------
-    DataError
-        If there is no feature, or one is not finite.
+    The covariance is singular by construction: the three shape features sum to 1, and so does the FPFH. Directions
+    whose variance is below the share `rcond` of the largest are excluded.
     """
     rows = np.asarray(descriptors, dtype=np.float64).reshape(-1, np.shape(descriptors)[-1])
     if len(rows) == 0:
@@ -76,24 +60,7 @@ def _whitening(inverse: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class WordIndex:
-    """Search index of a vocabulary.
-
-    Parameters
-    ----------
-    words : ContextualGroups
-        The words, at least one.
-    inverse : ndarray of float64, shape (20, 20)
-        Inverse covariance of equation 16.
-    floor : float, default 0.05
-        Least value of the context factor.
-
-    Raises
-    ------
-    DataError
-        If there are no words.
-    ParameterError
-        If `floor` is not in [0, 1].
-    """
+    """Search index of a vocabulary; `floor` is the least value of the context factor."""
 
     words: ContextualGroups
     inverse: NDArray[np.float64]
@@ -106,23 +73,7 @@ class WordIndex:
             raise ParameterError(f"floor must be between 0 and 1, got {self.floor!r}")
 
     def context(self, groups: ContextualGroups) -> Context:
-        """Return groups prepared for the distance.
-
-        Parameters
-        ----------
-        groups : ContextualGroups
-            Groups of the size of the words.
-
-        Returns
-        -------
-        Context
-            The same groups.
-
-        Raises
-        ------
-        DataError
-            If groups and words differ in size.
-        """
+        """Return groups prepared for the distance."""
         if groups.descriptors.shape[1:] != self.words.descriptors.shape[1:]:
             raise DataError(
                 f"groups of shape {groups.descriptors.shape[1:]} cannot be compared with words of shape "
@@ -145,28 +96,8 @@ class WordIndex:
         return cells, ordered, np.ascontiguousarray(axes[:, ::-1][:, :DIRECTIONS])
 
     def search(self, groups: ContextualGroups, *, n_threads: int = 1) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-        """Return the nearest word of each group.
-
-        Parameters
-        ----------
-        groups : ContextualGroups
-            Groups of the size of the words.
-        n_threads : int, default 1
-            Threads; the result does not depend on it.
-
-        Returns
-        -------
-        words : ndarray of int32, shape (n,)
-            The nearest word; of equally near ones the first.
-        distances : ndarray of float64, shape (n,)
-            The discriminant group distance to it.
-
-        Raises
-        ------
-        DataError
-            If groups and words differ in size.
-        ParameterError
-            If `n_threads` is below 1.
+        """Return the nearest word of each group, of equally near ones the first, and the discriminant group distance to
+        it.
         """
         check_at_least(n_threads, 1, "n_threads")
         wanted = self.context(groups)
@@ -185,46 +116,3 @@ class WordIndex:
             with ThreadPoolExecutor(n_threads) as pool:
                 list(pool.map(work, limits[:-1], limits[1:]))
         return words, distances
-
-
-def nearest_words(
-    groups: ContextualGroups,
-    vocabulary: ContextualGroups,
-    *,
-    inverse: NDArray[np.float64] | None = None,
-    floor: float = CONTEXT_FLOOR,
-    n_threads: int = 1,
-) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
-    """Find the nearest word of each group under the discriminant group distance (equation 16), exactly.
-
-    Parameters
-    ----------
-    groups : ContextualGroups
-        Groups to quantise.
-    vocabulary : ContextualGroups
-        The words, groups of the same size.
-    inverse : ndarray of shape (20, 20), optional
-        Inverse covariance; None computes it from the vocabulary's features.
-    floor : float, default 0.05
-        Least value of the context factor 1 - SCSim (yu2016: 0). With 0, every word of the same relative orientations
-        and scales is at distance 0, whatever its features. Ties go to the smaller sum of Mahalanobis distances.
-    n_threads : int, default 1
-        Threads; the result does not depend on it.
-
-    Returns
-    -------
-    words : ndarray of int32, shape (n,)
-        The nearest word; of equally near ones the first.
-    distances : ndarray of float64, shape (n,)
-        The distance to it.
-
-    Raises
-    ------
-    DataError
-        If there are no words, or groups and words differ in size.
-    ParameterError
-        If `floor` is not in [0, 1] or `n_threads` is below 1.
-    """
-    if inverse is None:
-        inverse = inverse_covariance(vocabulary.descriptors) if len(vocabulary) else np.eye(1)
-    return WordIndex(vocabulary, inverse, floor).search(groups, n_threads=n_threads)

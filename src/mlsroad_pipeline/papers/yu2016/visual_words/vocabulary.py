@@ -66,7 +66,7 @@ class VocabularyParameters:
     stop_scenes: float = 0.95  # Words that occur in at least this share of the scenes are candidates for the stop list
     # Largest share of all words on the stop list, the most frequent candidates first. 0 stops none.
     stop_share: float = 0.005
-    floor: float = CONTEXT_FLOOR  # Least value of the context factor, see `nearest_words`
+    floor: float = CONTEXT_FLOOR  # Least value of the context factor, see `CONTEXT_FLOOR`
     seed: int = 2016  # Seed of the samples and the initial centres
 
     def __post_init__(self) -> None:
