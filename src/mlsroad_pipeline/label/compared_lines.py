@@ -125,4 +125,6 @@ def _evidence(part: LinePart, own: _Surroundings, other: _Surroundings, width: f
             if kind == "kerb"
             else of_lines.contrast_of(around.xyz[rows], around.intensity[rows], places, width)
         )
-    return of_lines.same_measure(*measures, of_lines.LEAST_STEP if kind == "kerb" else of_lines.LEAST_CONTRAST)
+    return of_lines.same_measure(
+        measures[0], measures[1], of_lines.LEAST_STEP if kind == "kerb" else of_lines.LEAST_CONTRAST
+    )
