@@ -131,7 +131,8 @@ def _of_no_kind(folder: Path, store: CorrectionStore) -> set[int]:
 
     record = {"settings": {}, **(finished_record(folder) or {})}
     kinds, states = kinds_of_classes(LabelledOutput(folder, record).schemes), store.states().of_objects
-    listed = dict(store.objects().table[["object_id", "kind"]].itertuples(index=False))
+    table = store.objects().table
+    listed: dict[int, str] = dict(zip(table["object_id"].tolist(), table["kind"].tolist(), strict=True))
     return {n for n, state in states.items() if state["status"] == "changed" and not kind_of(state, listed[n], kinds)}
 
 

@@ -145,8 +145,7 @@ def _rows(
         if number is not None and not _is_copy(lines[number], values):
             strange.append(number)
         line = None if shape is None else shapely.line_merge(shape) if shape.geom_type == "MultiLineString" else shape
-        is_line = line is not None and line.geom_type == "LineString" and line.length > 0
-        if not is_line or not np.isfinite(line.bounds).all():
+        if line is None or line.geom_type != "LineString" or not (line.length and np.isfinite(line.bounds).all()):
             unread.append("new" if number is None else str(number))
             if number is not None:
                 lines[number].is_there = True  # it was not deleted
