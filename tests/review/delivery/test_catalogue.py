@@ -127,8 +127,10 @@ def test_a_virtual_point_cloud_says_of_each_file_what_laspy_and_pyproj_say(folde
         box = degrees.transform_bounds(*low[:2], *high[:2])
         assert np.abs(np.array(feature["bbox"])[[0, 1, 3, 4]] - box).max() < 1e-7
         assert feature["bbox"][2::3] == [low[2], high[2]]
+        corners = np.array(feature["properties"]["proj:geometry"]["coordinates"][0])
+        assert np.ptp(corners[:, 0]) == high[0] - low[0] and np.ptp(corners[:, 1]) == high[1] - low[1]
         ring = np.array(feature["geometry"]["coordinates"][0])
-        assert np.abs(ring[[0, 2]] - np.transpose(degrees.transform(*np.transpose([low[:2], high[:2]])))).max() < 1e-7
+        assert np.abs(ring - np.transpose(degrees.transform(*corners.T))).max() < 1e-7
         assert properties["proj:code"] == "EPSG:25833" and pyproj.CRS(properties["proj:wkt2"]) == UTM
         assert properties["start_datetime"] == properties["datetime"] == "2024-10-07T14:14:20.250000Z"
         assert properties["end_datetime"] == "2024-10-07T14:15:28.249000Z"  # 68 s later

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from pyproj import CRS, Transformer
 from pyproj.exceptions import ProjError
+from shapely.geometry import mapping
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.scenes.weeks import since_1980, utc_of
@@ -44,9 +47,9 @@ _PDAL_NAMES = {"nir": "Infrared", "scan_angle": "ScanAngleRank", "scan_angle_ran
 _NUMBERS = {"f": "floating", "u": "unsigned", "i": "signed"}
 
 
-def catalogue_ending(target: Path) -> str | None:
-    """Return the ending of a file of STAC, None for other files."""
-    return next((ending for ending in (VPC, ITEM) if target.name.lower().endswith(ending)), None)
+def catalogue_ending(path: Path, known: Iterable[str] = (VPC, ITEM)) -> str:
+    """Return the ending of a file of STAC, or of another known one; empty for others."""
+    return next((ending for ending in known if path.name.lower().endswith(ending)), "")
 
 
 def stac(name: str = "pystac") -> Any:
@@ -72,29 +75,32 @@ class _Cloud(NamedTuple):
     source: str  # Of the dates
 
 
-def write_catalogue(own: Path, target: Path, places: Mapping[Path, Path], facts: Mapping[str, Any]) -> None:
+def write_catalogue(
+    own: Path, target: Path, places: Mapping[Path, Path], survey: str, properties: Mapping[str, Any]
+) -> None:
     """Write a virtual point cloud or an item of STAC to `own`, which becomes `target`.
 
-    `places` are the files that it names: place after the delivery to present place. `facts` of an item are `survey`,
-    `software` and `properties`.
+    `places` are the files that it names, by their places after the delivery; `properties` are those of an item.
     """
+    named = sorted(path for path in places if catalogue_ending(path, _TYPES))
     # A file and its cloud-optimised copy have the same points: each point counts once.
-    once = [path for path in sorted(places) if _ending(path) == ".laz" and Path(copc_path(str(path))) not in places]
-    once += [path for path in sorted(places) if _ending(path) == ".copc.laz"]
-    clouds = [cloud for path in sorted(once) if (cloud := _described(places[path], path, target)) is not None]
+    once = [
+        path
+        for path in named
+        if ".laz" in catalogue_ending(path, _TYPES) and Path(copc_path(str(path))) not in {*named} - {path}
+    ]
+    clouds = [cloud for path in once if (cloud := _described(places[path], path, target)) is not None]
     if not clouds:
         raise DataError(f"{target}: the labelled files have no points")
     if catalogue_ending(target) == VPC:
-        names = [_key(cloud.final, target)[: -len(_ending(cloud.final))] for cloud in clouds]
+        names = [_key(cloud.final, target)[: -len(catalogue_ending(cloud.final, _TYPES))] for cloud in clouds]
         found = zip(clouds, names, strict=True)
         items = [_item([cloud], name, {"data": _asset(cloud.final, target)}, {}) for cloud, name in found]
         content = stac().ItemCollection(items, clone_items=False).to_dict()
         content["features"] = [{**item, "stac_version": _READ_VERSION} for item in content["features"]]
     else:
-        assets = {_key(path, target): _asset(path, target) for path in sorted(places) if _ending(path)}
-        item = _item(clouds, facts["survey"], assets, facts["properties"])
+        item = _item(clouds, survey, {_key(path, target): _asset(path, target) for path in named}, properties)
         item.stac_extensions.append(_PROCESSING)
-        item.properties["processing:software"] = facts["software"]
         content = item.to_dict()
     text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
     write_atomic(own, text.encode() + b"\n")
@@ -119,17 +125,15 @@ def _schema(header: LasHeader) -> dict[str, tuple[int, str]]:
     found, fields = {name.upper(): (8, "floating") for name in "xyz"}, record_dtype(header)
     for name in dimension_names(header)[3:]:
         bits, extra = bit_field(header, name), extra_dimension(header, name)
-        dtype, shape = fields[name if bits is None else bits.field], ()
-        if dtype.subdtype is not None:
-            dtype, shape = dtype.subdtype
-        size, kind = dtype.itemsize, _NUMBERS[dtype.kind]
+        dtype = fields[name if bits is None else bits.field]
+        size, kind = dtype.base.itemsize, _NUMBERS[dtype.base.kind]
         if extra is not None and (extra.scale is not None or extra.offset is not None):
             size, kind = 8, "floating"
         elif name.startswith("scan_angle"):
             size, kind = 4, "floating"
-        plain = name if extra is not None else "".join(part.capitalize() for part in name.split("_"))
-        plain = _PDAL_NAMES.get(name, plain) if extra is None else plain
-        found |= {f"{plain}{i}": (size, kind) for i in range(shape[0])} if shape else {plain: (size, kind)}
+        pdal = _PDAL_NAMES.get(name, "".join(part.capitalize() for part in name.split("_"))) if extra is None else name
+        names = [f"{pdal}{i}" for i in range(dtype.shape[0])] if dtype.shape else [pdal]
+        found |= dict.fromkeys(names, (size, kind))
     return found
 
 
@@ -150,14 +154,14 @@ def _gps_times(path: Path, header: LasHeader) -> tuple[float, float] | None:
     """Return the first and last time of the points in seconds since 1980; None if they have none with a date."""
     if "gps_time" not in (record_dtype(header).names or ()):
         return None
-    first, last = np.inf, -np.inf
-    with RecordReader(path, header, select=layers_of(header, ["gps_time"])) as reader:
-        for start in range(0, header.n_points, _CHUNK):
-            times = since_1980(reader.read(start, min(start + _CHUNK, header.n_points))["gps_time"])
-            times = times[np.isfinite(times)]
-            if not len(times):
-                return None  # seconds of the week
-            first, last = min(first, float(times.min())), max(last, float(times.max()))
+    first, last, n_points = np.inf, -np.inf, header.n_points
+    with RecordReader(path, header, n_threads=2, select=layers_of(header, ["gps_time"])) as reader:
+        # The first points alone show seconds of the week.
+        for start, stop in [(0, 1000), *((start, start + _CHUNK) for start in range(0, n_points, _CHUNK))]:
+            times = since_1980(reader.read(start, min(stop, n_points))["gps_time"])
+            if not np.isfinite(times).any():
+                return None
+            first, last = min(first, float(np.nanmin(times))), max(last, float(np.nanmax(times)))
     return first, last
 
 
@@ -172,14 +176,15 @@ def _item(clouds: Sequence[_Cloud], name: str, assets: Mapping[str, Any], proper
         )
     low = np.min([cloud.bounds[0] for cloud in clouds], axis=0)
     high = np.max([cloud.bounds[1] for cloud in clouds], axis=0)
-    box, ring = _in_degrees(crs, low, high, clouds[0].final)
+    box = shapely.box(*low[:2], *high[:2])
+    (west, south, east, north), outline = _in_degrees(crs, box, clouds[0].final)
     source = min((cloud.source for cloud in clouds), key=(_GPS, _CREATED, _WRITTEN).index)
     dates = [date for cloud in clouds if cloud.source == source for date in cloud.dates]
     first, last = min(dates), max(dates)
     item = stac().Item(
         name,
-        {"type": "Polygon", "coordinates": [ring]},
-        box,
+        mapping(outline),
+        [west, south, float(low[2]), east, north, float(high[2])],  # heights stay
         first,
         {"mlsroad:datetime_from": source, **properties},
         **({"start_datetime": first, "end_datetime": last} if source == _GPS else {}),
@@ -188,44 +193,33 @@ def _item(clouds: Sequence[_Cloud], name: str, assets: Mapping[str, Any], proper
     points = stac("pystac.extensions.pointcloud")
     schema = {n: kind for cloud in reversed(clouds) for n, kind in cloud.schema.items()}
     schemas = [points.Schema.create(n, size, points.SchemaType(kind)) for n, (size, kind) in schema.items()]
-    extended = points.PointcloudExtension.ext(item, add_if_missing=True)
     # Without statistics: headers have none but bounds, and PDAL wrench reads no incomplete ones.
-    extended.apply(sum(cloud.n_points for cloud in clouds), points.PhenomenologyType.LIDAR, "LASzip", schemas)
+    points.PointcloudExtension.ext(item, add_if_missing=True).apply(
+        sum(cloud.n_points for cloud in clouds), points.PhenomenologyType.LIDAR, "LASzip", schemas
+    )
     authority = crs.to_authority(min_confidence=100)
     stac("pystac.extensions.projection").ProjectionExtension.ext(item, add_if_missing=True).apply(
         code=None if authority is None else ":".join(authority),
         wkt2=crs.to_wkt("WKT2_2019"),
-        geometry={"type": "Polygon", "coordinates": [_ring(low, high)]},
+        geometry=mapping(box),
         bbox=[*low.tolist(), *high.tolist()],
     )
     return item
 
 
-def _ring(low: NDArray[np.float64], high: NDArray[np.float64]) -> list[list[float]]:
-    (west, south), (east, north) = low[:2].tolist(), high[:2].tolist()
-    return [[west, south], [east, south], [east, north], [west, north], [west, south]]
-
-
-def _in_degrees(
-    crs: CRS, low: NDArray[np.float64], high: NDArray[np.float64], name: Path
-) -> tuple[list[float], list[list[float]]]:
-    """Return a box and its outline in longitudes and latitudes; heights stay."""
+def _in_degrees(crs: CRS, box: Any, name: Path) -> tuple[list[float], Any]:
+    """Return the bounds of a box in longitudes and latitudes, and its outline."""
     try:
         transformer = Transformer.from_crs(crs.to_2d(), "EPSG:4326", always_xy=True)
-        west, south, east, north = transformer.transform_bounds(low[0], low[1], high[0], high[1], errcheck=True)
-        corners = [transformer.transform(x, y, errcheck=True) for x, y in _ring(low, high)]
+        outline = shapely.transform(box, partial(transformer.transform, errcheck=True), interleaved=False)
+        west, south, east, north = box.bounds
+        return list(transformer.transform_bounds(west, south, east, north, errcheck=True)), outline
     except ProjError as error:
         raise DataError(f"{name} cannot be placed in longitudes and latitudes ({crs.name}): {error}") from error
-    return [west, south, float(low[2]), east, north, float(high[2])], [list(corner) for corner in corners]
-
-
-def _ending(path: Path) -> str:
-    """Return the ending of a file that STAC names, empty for others."""
-    return next((ending for ending in _TYPES if path.name.lower().endswith(ending)), "")
 
 
 def _asset(final: Path, target: Path) -> Any:
-    media, role = _TYPES[_ending(final)]
+    media, role = _TYPES[catalogue_ending(final, _TYPES)]
     return stac().Asset(_href(final, target), media_type=media, roles=[role])
 
 

@@ -112,7 +112,7 @@ class Delivery:
                 self._check_free(target, overwrite=overwrite)
         with ExitStack() as stack:
             staged: dict[Path, Path] = {}
-            for target in sorted(targets, key=lambda path: catalogue_ending(path) is not None):
+            for target in sorted(targets, key=lambda path: bool(catalogue_ending(path))):
                 folder = stack.enter_context(tempfile.TemporaryDirectory(dir=_near(target), prefix=".mlsroad-"))
                 ending, place = catalogue_ending(target), Path(folder)
                 for path, final in self._catalogue(target, place, staged) if ending else self._written(target, place):
@@ -221,13 +221,10 @@ class Delivery:
             if self.history:
                 logger.warning("%s names the points as labelled: write the corrected ones with it (-o laz/)", target)
         summary = self.output.run["summary"]
-        facts = {
-            "survey": Path(self.output.name).stem or "survey",
-            "software": {"mlsroad": __version__},
-            "properties": {f"mlsroad:{key}": summary[key] for key in ("method", "model") if summary.get(key)},
-        }
+        properties = {f"mlsroad:{key}": summary[key] for key in ("method", "model") if summary.get(key)}
+        properties["processing:software"] = {"mlsroad": __version__}
         places = {path: now for path, now in {**results, **staged}.items() if now.is_file()}
-        write_catalogue(folder / target.name, target, places, facts)
+        write_catalogue(folder / target.name, target, places, Path(self.output.name).stem, properties)
         return [(folder / target.name, target)]
 
     def _protocol(self, target: Path, folder: Path) -> list[tuple[Path, Path]]:
