@@ -10,12 +10,14 @@ import numpy as np
 import pyproj
 import pystac
 import pytest
+import shapely
 from helpers.page_output import FILES, write_output
 from pystac.extensions.pointcloud import PointcloudExtension
 from pystac.extensions.projection import ProjectionExtension
 from pystac.validation.local_validator import VERSION, get_local_schema_cache
 from typer.testing import CliRunner
 
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.commands.app import app
 from mlsroad_pipeline.execution.run_folder import entries_of
 from mlsroad_pipeline.formats.las.copc import write_copc
@@ -254,3 +256,23 @@ def test_a_missing_file_and_a_missing_library_are_named(folder, tmp_path, monkey
     done = mlsroad("export", folder, "-o", tmp_path / "a.vpc", tmp_path / "b.csv")
     assert done.exit_code and "by pystac, which is not installed" in " ".join(done.output.split())
     assert sorted(path.name for path in tmp_path.iterdir()) == ["away.laz", "out"]
+
+
+@pytest.mark.parametrize("code", ["EPSG:2154", "EPSG:2263", "EPSG:7415", "EPSG:25833+5783", "EPSG:4326", "EPSG:27700"])
+def test_boxes_in_degrees_are_those_of_a_dense_outline(code):
+    crs = pyproj.CRS(code)
+    area = crs.to_2d().area_of_use
+    middle = (area.west + area.east) / 2, (area.south + area.north) / 2
+    own = pyproj.Transformer.from_crs(4326, crs.to_2d(), always_xy=True).transform(*middle)
+    size = 0.002 if crs.is_geographic else 200.0
+    box = shapely.box(*own, own[0] + size, own[1] + size)
+    bounds, outline = catalogue._in_degrees(crs, box, Path("a.laz"))
+    dense = np.array(shapely.segmentize(box, size / 500).exterior.coords)
+    x, y = pyproj.Transformer.from_crs(crs.to_2d(), 4326, always_xy=True).transform(*dense.T)
+    assert np.abs(np.array(bounds) - [x.min(), y.min(), x.max(), y.max()]).max() < 1e-7
+    assert np.abs(np.array(outline.bounds) - bounds).max() < 1e-5
+
+
+def test_a_place_outside_of_a_system_is_named():
+    with pytest.raises(DataError, match=r"a\.laz cannot be placed in longitudes and latitudes \(ETRS89 .*33N\)"):
+        catalogue._in_degrees(UTM, shapely.box(1e15, 1e15, 2e15, 2e15), Path("a.laz"))

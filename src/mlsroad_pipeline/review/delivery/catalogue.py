@@ -213,7 +213,8 @@ def _in_degrees(crs: CRS, box: Any, name: Path) -> tuple[list[float], Any]:
         transformer = Transformer.from_crs(crs.to_2d(), "EPSG:4326", always_xy=True)
         outline = shapely.transform(box, partial(transformer.transform, errcheck=True), interleaved=False)
         west, south, east, north = box.bounds
-        return list(transformer.transform_bounds(west, south, east, north, errcheck=True)), outline
+        # Its own check rejects valid places of conic systems such as EPSG:2154; the corners were checked above.
+        return list(transformer.transform_bounds(west, south, east, north)), outline
     except ProjError as error:
         raise DataError(f"{name} cannot be placed in longitudes and latitudes ({crs.name}): {error}") from error
 
