@@ -3,8 +3,7 @@
     python benchmarks/bench_start.py [--repeats 5] [--tile FILE.laz] [--source FOLDER]
 
 The tile is a simulated street of a million points, made once, unless one is given. With `--source`, the folder `src` of
-another version is measured alternately. The kernels of both must be compiled. Processor time is that of all processes,
-sampled every 20 ms; on a busy machine compare it, not the elapsed time.
+another version is measured alternately. Processor time is that of all processes, sampled every 20 ms.
 """
 
 import json

@@ -2,7 +2,7 @@
 
     python benchmarks/bench_store.py [--points 2000000] [--scenes 200] [--repeats 5]
 
-Medians of alternating repetitions; imports and the start of the worker processes are not timed.
+Medians of alternating repetitions, without imports.
 """
 
 from __future__ import annotations

@@ -3,10 +3,8 @@
     python benchmarks/gpu.py --prepare FILE                 # simulates six streets; writes the data (minutes)
     python benchmarks/gpu.py --data FILE [--dry] [--only NAME ...] [--threads N] [--limit SECONDS]
 
-Each network is trained from the same seed and data on the CPU and on the GPU, in float32 and, where it offers that, in
-bfloat16. The network of the GPU then predicts objects, superpoints or images of other streets on both devices with the
-same weights. `--dry` runs tiny sizes on the CPU in place of a GPU. A step is that of the network alone: forward,
-backward and update; `wait` is the mean time per step in which it waits for its batch, which the CPU prepares.
+Networks are trained from the same seed and data on both devices, in float32 and bfloat16, and predict with the same
+weights. `--dry` runs tiny sizes on the CPU in place of a GPU. `wait`: mean time per step waiting for a batch.
 """
 
 from __future__ import annotations

@@ -3,10 +3,9 @@
     kedro run --env=recordings
     python benchmarks/learning_comparison.py [--folder FOLDER] [--answers 30] [--wrong 0.0] [--sources NAME...]
 
-Takes the labelled surveys of `places.py`, or makes them. A simulated user paints the first places of the page that can
-be judged (at least 100 points within 40 m, 80 % of them of one common class) as the reference says; a share of
-`--wrong` gets another class. `mlsroad learn --accept` then gives its verdict and labels the survey again. The reference
-says better or worse where the mean IoU of the points without an answer changes by more than 0.005.
+Takes the surveys of `places.py`. A simulated user paints the first places of the page that can be judged (at least 100
+points within 40 m, 80 % of one common class); a share of `--wrong` gets another class. The reference says better or
+worse where the mean IoU of the points without an answer changes by more than 0.005.
 """
 
 from __future__ import annotations
