@@ -136,6 +136,8 @@ class Delivery:
             )
         elif self._schema is not None and target.suffix.lower() in {*SUFFIXES} - {*DRIVERS, ".laz", ".html"}:
             raise ParameterError(f"{target}: a schema of your own is written as {', '.join(DRIVERS)}")
+        if _near(target).is_file():
+            raise ReadError(f"{_near(target)} is a file, not a folder")
         if not _near(target).is_dir():
             raise ReadError(f"{_near(target)} does not exist: create the folder first")
 
