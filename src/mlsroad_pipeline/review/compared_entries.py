@@ -136,14 +136,15 @@ def check_entries(corrections: Iterable[Correction], folder: Path) -> None:
     present = compared_entries(folder)[0] if checks else {}
     for check in checks:
         wanted = check.payload
-        if not any(_is_about(wanted, check.kind, entry) for entry in present.get(wanted["table"], ())):
+        if not any(is_about(wanted, check.kind, entry) for entry in present.get(wanted["table"], ())):
             raise ParameterError(
                 f"{folder / COMPARED[wanted['table']].file} has no {check.kind} {wanted['entry']} with the state "
                 f"{wanted['state']!r}: it was compared again; reload the page"
             )
 
 
-def _is_about(given: Mapping[str, Any], kind: str | None, entry: Entry) -> bool:
+def is_about(given: Mapping[str, Any], kind: str | None, entry: Entry) -> bool:
+    """Return whether the payload of a decision is about the state of an entry."""
     same = (given["entry"], kind, given["state"]) == (entry.name, entry.kind, entry.state)
     return same and math.hypot(given["x"] - entry.x, given["y"] - entry.y) <= _SAME_PLACE
 
@@ -161,5 +162,5 @@ def checked_of(name: str, entries: Sequence[Entry], decisions: Iterable[Decision
     return {
         entry.name: str(given.payload["checked"])
         for entry in entries
-        if (given := last.get((entry.name, entry.state))) and _is_about(given.payload, given.kind, entry)
+        if (given := last.get((entry.name, entry.state))) and is_about(given.payload, given.kind, entry)
     }

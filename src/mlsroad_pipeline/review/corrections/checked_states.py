@@ -6,7 +6,14 @@ from pathlib import Path
 import pandas as pd
 
 from mlsroad_pipeline.inventory_files.vector_files import without_formulas
-from mlsroad_pipeline.review.compared_entries import COMPARED, Entry, checked_of, compared_entries, entries_of
+from mlsroad_pipeline.review.compared_entries import (
+    COMPARED,
+    Entry,
+    checked_of,
+    compared_entries,
+    entries_of,
+    is_about,
+)
 from mlsroad_pipeline.review.corrections.decisions import Decision
 from mlsroad_pipeline.review.corrections.store import open_corrections
 
@@ -34,12 +41,18 @@ def checked_tables(folder: Path, decisions: Sequence[Decision]) -> tuple[dict[st
 
 def lost_checks(decisions: Sequence[Decision], folder: Path) -> list[Decision]:
     """Return the decisions about states that no compared table has any more."""
-    present = compared_entries(folder)[0]
-    return [
-        decision
-        for decision in decisions
-        if not checked_of(name := decision.correction.payload["table"], present.get(name, []), [decision])
-    ]
+    present = {
+        (table, entry.name, entry.state): entry
+        for table, entries in compared_entries(folder)[0].items()
+        for entry in entries
+    }
+    found = []
+    for decision in decisions:
+        given = decision.correction.payload
+        entry = present.get((given["table"], given["entry"], given["state"]))
+        if entry is None or not is_about(given, decision.correction.kind, entry):
+            found.append(decision)
+    return found
 
 
 def counts_of_checks(table: pd.DataFrame) -> pd.DataFrame:
