@@ -182,7 +182,7 @@ def test_a_store_with_a_decision_about_a_state_opens_again(folder, survey):
         ]
 
 
-def test_the_list_is_checked_by_keys_and_a_reload_keeps_it(tab, server):
+def test_the_list_is_checked_by_keys_and_a_reload_keeps_it(tab, server, folder):
     def progress():
         return tab.js("document.querySelector('#progress').innerText.replace(/\\s+/g, ' ')")
 
@@ -200,7 +200,11 @@ def test_the_list_is_checked_by_keys_and_a_reload_keeps_it(tab, server):
     assert tab.js("page.model.entry.name") == "L2" and progress().startswith("2 of 3")
     decide(tab, "r")
     assert tab.js("page.model.entry.name") == "object 4" and progress().startswith("1 of 3")
+    write_tables(folder, changes="key,size\nlamp,3\n")
     reload(tab, server)
+    write_tables(folder)
+    assert "changes.csv has no column 'changes'" in tab.js("document.querySelector('#saved').innerText")
+    assert tab.js("document.querySelectorAll('[data-list=changes]').length") == 0
     tab.js("page.actions.showList('register')")
     assert progress().startswith("1 of 3")
     assert entries(tab)[1:] == [
