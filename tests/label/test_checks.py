@@ -66,7 +66,7 @@ def test_all_results_of_a_survey_are_planned(tmp_path):
 
 @pytest.mark.parametrize("given", ["csv;dxf", ["dwg"], 3])
 def test_an_unknown_format_is_named_with_the_known_ones(given):
-    with pytest.raises(ParameterError, match=r"label\.export .*csv, geojson, flatgeobuf, shapefile, dxf"):
+    with pytest.raises(ParameterError, match=r"label\.export .*csv, geojson, flatgeobuf, shapefile, gml, dxf"):
         LabelParameters("in", "out", export=given)
 
 

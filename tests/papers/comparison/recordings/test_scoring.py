@@ -83,7 +83,7 @@ def test_means_are_over_the_classes_of_the_recording_that_have_points(plan):
     assert row["calibration_error"] == pytest.approx(12 / 14 - 0.5)
     assert row["cpu_seconds_per_million"] == pytest.approx(2e6 / 14)
     scores = tables["scores"].set_index(["split", "class", "metric"])["value"]
-    assert scores["toy_shipped_all", "all", "mean_iou"] == pytest.approx(row["mean_iou"])
+    assert scores["toy/shipped/all", "all", "mean_iou"] == pytest.approx(row["mean_iou"])
     assert len(tables["reliability"]) == 30
 
 
