@@ -160,7 +160,7 @@ def checked_of(name: str, entries: Sequence[Entry], decisions: Iterable[Decision
         if given.action == "check" and given.payload["table"] == name:
             last[given.payload["entry"], given.payload["state"]] = given
     return {
-        entry.name: str(given.payload["checked"])
+        entry.name: str(found.payload["checked"])
         for entry in entries
-        if (given := last.get((entry.name, entry.state))) and is_about(given.payload, given.kind, entry)
+        if (found := last.get((entry.name, entry.state))) and is_about(found.payload, found.kind, entry)
     }
