@@ -210,6 +210,8 @@ def test_without_a_path_the_main_axis_or_a_named_path_serves(run, street):
         (("street", "-o", "x", "--path", "none.csv"), 1, "none.csv does not exist"),
         (("street", "-o", "x", "--path", "far.csv"), 1, "no paved ground within 1.5 m of the path"),
         (("street", "-o", "x", "--path", "trees.csv"), 1, "trees.csv is not a path: 8 of 8 steps turn back"),
+        (("street", "-o", "far.csv"), 1, "far.csv is a file: name a folder with --output"),
+        (("street", "-o", "far.csv/x"), 1, "far.csv is a file: name a folder with --output"),
         (("street", "--at", "12,b"), 2, "'b' is not a station"),
         (("street", "--envelope", "4.5"), 2, "'4.5' must be width x height"),
         (("street", "--envelope", "0x3"), 2, "'0x3' must be width x height"),

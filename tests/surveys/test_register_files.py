@@ -90,3 +90,5 @@ def test_one_of_several_layers_must_be_named(tmp_path):
     with pytest.raises(DataError, match=r"has layers a, b: name one with --layer"):
         RegisterFile(path).read(UTM)
     assert len(RegisterFile(path, layer="b").read(UTM)) == 1
+    with pytest.raises(DataError, match=r"has no layer 'c' \(--layer\): it has a, b"):
+        RegisterFile(path, layer="c").read(UTM)

@@ -101,6 +101,7 @@ def import_corrections(
                     system=system_of(folder),
                     many_deleted=many_deleted,
                     notes_before=states.notes,
+                    left_out=_of_no_kind(folder, store),
                 )
                 system = system_of(folder)
                 of_lines, further = corrections_of_lines(
@@ -122,6 +123,19 @@ def import_corrections(
             console.print(f"  {note}", markup=False)
         for action in dict.fromkeys(correction.action for correction in found):
             console.print(f"  {action:12} {sum(correction.action == action for correction in found)}", markup=False)
+
+
+def _of_no_kind(folder: Path, store: CorrectionStore) -> set[int]:
+    """Return the objects that have the class of no object, such as a wall, and are not delivered."""
+    from mlsroad_pipeline.execution.run_identity import finished_record
+    from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
+    from mlsroad_pipeline.review.delivery.corrected_objects import kind_of, kinds_of_classes
+
+    record = {"settings": {}, **(finished_record(folder) or {})}
+    kinds, states = kinds_of_classes(LabelledOutput(folder, record).schemes), store.states().of_objects
+    table = store.objects().table
+    listed: dict[int, str] = dict(zip(table["object_id"].tolist(), table["kind"].tolist(), strict=True))
+    return {n for n, state in states.items() if state["status"] == "changed" and not kind_of(state, listed[n], kinds)}
 
 
 def _new_ones(found: list[Correction], store: CorrectionStore) -> list[Correction]:

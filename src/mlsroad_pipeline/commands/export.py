@@ -26,7 +26,8 @@ def export(
             "-o",
             metavar="FILE...",
             help="Files to write: .gpkg, .parquet, .csv, .geojson, .fgb, .shp, .gml, .dxf, .xodr; .laz, or a folder "
-            "for the points of several files; .html for the protocol of the check. Default: OUT/corrected.gpkg.",
+            "for the points of several files; .vpc or .stac.json to name the files; .html for the protocol of the "
+            "check. Default: OUT/corrected.gpkg.",
         ),
     ] = None,
     checked: Annotated[bool, typer.Option("--checked", help="Leave out what nobody looked at.")] = False,

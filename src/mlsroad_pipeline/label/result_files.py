@@ -16,6 +16,7 @@ def check_target(
 
     `names` are the files of the results: first a table, which has `columns`; `what` they hold.
     """
+    check_folder(folder)
     place = folder.resolve()
     for output in outputs:
         inputs = {Path(entry["path"]).resolve().parent for entry in output.record.get("inputs", ())}
@@ -24,6 +25,13 @@ def check_target(
     there = [name for name in names if (folder / name).exists()]
     if there and not _has_columns(folder / next(iter(names)), columns):
         raise ParameterError(f"{folder / there[0]} does not hold {what}: name another folder with --output, or move it")
+
+
+def check_folder(folder: Path) -> None:
+    """Raise ParameterError for an output folder that is a file, or would lie below one."""
+    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    if not there.is_dir():
+        raise ParameterError(f"{there} is a file: name a folder with --output")
 
 
 def _has_columns(table: Path, columns: Collection[str]) -> bool:

@@ -8,6 +8,7 @@ from mlsroad_pipeline.formats.files import write_atomic
 from mlsroad_pipeline.inventory_files.cross_sections import write_cross_section
 from mlsroad_pipeline.inventory_files.geopackage import check_closed
 from mlsroad_pipeline.inventory_files.road_files import LAYERS, SECTIONS, SIGNS, TABLE, write_road
+from mlsroad_pipeline.label.result_files import check_folder
 from mlsroad_pipeline.label.road import MeasuredRoad
 from mlsroad_pipeline.reporting.road_page import road_page
 
@@ -19,6 +20,7 @@ PAGE = "road.html"
 
 def check_target(folder: Path, *, overwrite: bool) -> None:
     """Raise ParameterError where files would be replaced that may not be."""
+    check_folder(folder)
     if any((folder / name).exists() for name in (TABLE, SECTIONS, SIGNS, LAYERS, PAGE)) and not overwrite:
         raise ParameterError(
             f"{folder} holds measures of a road: name another folder with --output, or replace them with --overwrite"

@@ -70,6 +70,8 @@ class RegisterFile:
             layers = [str(name) for name in pyogrio.list_layers(self.path)[:, 0]]
             if self.layer is None and len(layers) > 1:
                 raise ReadError(f"{self.path} has layers {', '.join(layers)}: name one with --layer")
+            if self.layer is not None and self.layer not in layers:
+                raise ReadError(f"{self.path} has no layer {self.layer!r} (--layer): it has {', '.join(layers)}")
             frame = gpd.read_file(self.path, layer=self.layer)
         except (pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError) as error:
             raise ReadError(f"{self.path}: cannot be read as CSV, GeoPackage, Shapefile or GeoJSON") from error

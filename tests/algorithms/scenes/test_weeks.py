@@ -1,10 +1,12 @@
 """Bases of GPS times: the end of a week, whole weeks, 1e9 seconds."""
 
+from datetime import UTC, datetime
+
 import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.inventory.objects.sightings import time_passes
-from mlsroad_pipeline.algorithms.scenes.weeks import ADJUSTED, WEEK, base_shift, continued
+from mlsroad_pipeline.algorithms.scenes.weeks import ADJUSTED, WEEK, base_shift, continued, since_1980, utc_of
 
 
 def test_times_go_on_after_the_end_of_a_week():
@@ -45,3 +47,11 @@ def test_a_trajectory_is_brought_to_the_base_of_the_points(base, points):
 def test_times_that_no_base_explains_stay():
     assert base_shift(np.arange(100.0), 5_000.0, 6_000.0) == 0.0
     assert base_shift(np.arange(100.0), 90.0, 200.0) == 0.0
+
+
+def test_times_of_every_base_with_a_date_have_their_utc():
+    moment = datetime(2016, 12, 31, 23, 59, 59, tzinfo=UTC)  # the last second before the 18th leap second
+    gps = moment.timestamp() - datetime(1980, 1, 6, tzinfo=UTC).timestamp() + 17
+    assert since_1980(np.array([gps, gps - ADJUSTED])).tolist() == [gps, gps]
+    assert utc_of(gps) == moment and utc_of(gps + 2).isoformat() == "2017-01-01T00:00:00+00:00"
+    assert np.isnan(since_1980(np.array([0.0, WEEK, np.nan, 1.7e9]))).all()

@@ -1,5 +1,6 @@
 """Corrections that come back from a GeoPackage edited in another program: statuses, classes, places, rows."""
 
+import json
 import shutil
 import sqlite3
 from contextlib import closing
@@ -9,6 +10,7 @@ import pyogrio
 import pytest
 import shapely
 from helpers.corrected import object_rows, save_as_tables, write_inventory
+from helpers.labelled import scheme
 from typer.testing import CliRunner
 
 from mlsroad_pipeline.commands.app import app
@@ -105,6 +107,27 @@ def test_the_export_has_added_vehicles_and_the_classes_that_users_gave(folder):
     vehicles = gpd.read_file(folder / "corrected.gpkg", layer="vehicles").set_index("object_id").geometry
     assert vehicles[6] is None and vehicles[5].area == pytest.approx(2.0)
     assert "0 new corrections" in run("import", folder / "corrected.gpkg", folder)[1]
+
+
+def test_an_object_that_became_a_wall_is_not_rejected_by_the_delivered_inventory(folder):
+    record = folder / ".mlsroad/run/run.json"
+    record.parent.mkdir(parents=True)
+    schemes = {"road_inventory": scheme()}
+    settings = {"label": {"survey": "street.laz"}, "classes": {"schemes": schemes}}
+    record.write_text(
+        json.dumps({"state": "finished", "settings": settings, "summary": {"survey": "a"}, "outputs": []})
+    )
+    with open_corrections(folder) as store:
+        store.add(Correction("other_kind", 1, payload={"class": "wall or fence"}), who="a")
+        store.add(Correction("other_kind", 2, kind="sign"), who="a")
+    assert run("export", folder)[0] == 0
+    delivered = folder / "corrected.gpkg"
+    assert gpd.read_file(delivered, layer="objects")["object_id"].tolist() == [2, 3, 4, 5]
+    assert "0 new corrections" in run("import", delivered, folder)[1]
+    with closing(sqlite3.connect(delivered)) as base, base:
+        base.execute("DELETE FROM objects WHERE object_id = 2")
+    assert "reject 1" in run("import", delivered, folder)[1]
+    assert states(folder) == {1: ("changed", "wall or fence"), 2: ("rejected", "")}
 
 
 @pytest.mark.parametrize(

@@ -187,6 +187,16 @@ def test_an_unedited_copy_holds_nothing_also_after_decisions_of_the_page(folder)
     assert delivered(folder) == whole | {7: ("kerb", [*DRAWN, [600.0, 893, 12.6]])}
 
 
+def test_a_row_that_has_lost_its_number_is_its_line_while_its_shape_is_the_same(folder):
+    edit(folder, "kerbs", lambda f: f.assign(line_id=f["line_id"].astype("Int64").mask(f["line_id"] == 2)))
+    assert "0 new corrections" in run(folder)[1] and delivered(folder) == LISTED
+
+
+def test_a_line_without_length_is_named(folder):
+    edit(folder, "kerbs", reshaped([KERBS[0][0], KERBS[0][0]]))
+    assert "1 rows of layer 'kerbs' are no single line (line_id 1)" in run(folder)[1] and actions(folder) == []
+
+
 def test_what_cannot_be_compared_is_named_and_counted(folder):
     parts = shapely.MultiLineString([KERBS[0][:2], [[514.0, 890, 0], [516, 890, 0]]])
     edit(folder, "kerbs", lambda frame: with_rows(reshaped(parts)(frame), [shapely.Point(1, 2, 3)], line_id=None))

@@ -91,6 +91,21 @@ def test_vehicles_keep_their_boxes_and_a_drawn_box_is_an_added_vehicle(folder, e
     assert states(folder) == {5: ("accepted", "vehicle")} and added(folder) == [("vehicle", 542.0, 891.0, 12.0)]
 
 
+def test_a_copied_vehicle_is_an_added_one(folder, edited):
+    with opened(edited, "vehicles") as vehicles:
+        vehicles.add(wkt="POLYGON Z ((540 890 12,544 890 12,544 892 12,540 892 12,540 890 12))", object_id=5)
+    said = imported(edited, folder)
+    assert added(folder) == [("vehicle", 542.0, 891.0, 12.0)] and states(folder) == {} and "Not compared" not in said
+
+
+def test_a_moved_box_is_named(folder, edited):
+    with opened(edited, "vehicles") as vehicles:
+        vehicles.change(5, wkt="POLYGON Z ((540 890 12,544 890 12,544 892 12,540 892 12,540 890 12))")
+    said = imported(edited, folder)
+    assert "1 boxes of layer 'vehicles' were moved (object_id 5): move the points of 'objects'" in said
+    assert states(folder) == {}
+
+
 def test_a_statement_of_sqlite_on_a_view_reaches_the_table(folder, edited):
     with closing(sqlite3.connect(edited)) as base, base:
         base.create_function("ST_IsEmpty", 1, lambda shape: 0)  # GDAL's, in the triggers of the index

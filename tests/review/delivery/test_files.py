@@ -147,6 +147,7 @@ def test_nothing_is_replaced_and_errors_leave_no_file(folder, tmp_path):
         (folder / "inventory.gpkg", "--overwrite"): "is a result of label or a file of the survey: choose another name",
         (folder / FILES[0], "--overwrite"): "is a result of label",
         (tmp_path / "x.pdf",): "unknown format '.pdf': the name of a delivered file ends in .gpkg",
+        (kept / "x.csv",): "kept_lines.csv is a file, not a folder",
         (tmp_path / "none/x.csv",): "none does not exist: create the folder first",
         (tmp_path / "x.laz",): f"the survey has 2 labelled files: name a folder for them, such as {tmp_path}/x/",
         (tmp_path / "y.csv", tmp_path / "x.geojson"): "GeoJSON needs longitudes and latitudes",

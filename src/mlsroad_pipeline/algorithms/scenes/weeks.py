@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime, timedelta
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +18,7 @@ NEAR_END = 600.0
 
 LEAP_SECONDS = (18.0, 17.0, 16.0, 15.0, 14.0, 13.0)
 """GPS time less UTC since 1999, the present value first."""
+_LEAP_DAYS = ("2017-01-01", "2015-07-01", "2012-07-01", "2009-01-01", "2006-01-01", "1999-01-01")
 
 
 _EPOCH = np.datetime64("1980-01-06", "s")
@@ -30,11 +33,27 @@ def dates_of(time: NDArray[np.float64]) -> NDArray[np.object_]:
     >>> dates_of(np.array([412_345_678.0, 1_412_345_678.0, 200_000.0, np.nan])).tolist()
     ['2024-10-07', '2024-10-07', '', '']
     """
-    known = np.isfinite(time) & (np.abs(time) > WEEK) & (time < _LARGEST_GPS) & (time > -ADJUSTED)
-    seconds = np.where(known, time, 0.0)
-    seconds = np.where(seconds < _LEAST_GPS, seconds + ADJUSTED, seconds)
-    days = np.datetime_as_string((_EPOCH + seconds.astype("timedelta64[s]")).astype("datetime64[D]"))
+    seconds = since_1980(time)
+    known = np.isfinite(seconds)
+    days = np.datetime_as_string(
+        (_EPOCH + np.where(known, seconds, 0.0).astype("timedelta64[s]")).astype("datetime64[D]")
+    )
     return np.where(known, days, "").astype(object)
+
+
+def since_1980(time: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return GPS times in seconds since 1980; NaN without a time and for seconds of the week or of another clock."""
+    known = np.isfinite(time) & (np.abs(time) > WEEK) & (time < _LARGEST_GPS) & (time > -ADJUSTED)
+    return np.where(known, np.where(time < _LEAST_GPS, time + ADJUSTED, time), np.nan)
+
+
+def utc_of(seconds: float) -> datetime:
+    """Return the UTC of seconds since 1980, to milliseconds."""
+    date = datetime(1980, 1, 6, tzinfo=UTC) + timedelta(milliseconds=round(1000 * seconds))
+    for leap, day in zip(LEAP_SECONDS, _LEAP_DAYS, strict=True):
+        if date - timedelta(seconds=leap) >= datetime.fromisoformat(day).replace(tzinfo=UTC):
+            break
+    return date - timedelta(seconds=leap)
 
 
 def falls_at_week_end(time: NDArray) -> bool:

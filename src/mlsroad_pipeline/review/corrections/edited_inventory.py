@@ -41,11 +41,13 @@ def corrections_of_inventory(
     system: CRS | None,
     many_deleted: bool = False,
     notes_before: Mapping[int, Note] | None = None,
+    left_out: Collection[int] = (),
 ) -> tuple[list[Correction], list[str]]:
     """Return the corrections that an edited GeoPackage holds and the store does not, and what was not compared.
 
     Compared are the layer `objects` and those of the kinds: `status`, `checked_class`, `class` and `kind`, base points,
-    deleted rows (rejected) and new rows (added), `note` and the columns of attributes (`attr_...`).
+    deleted rows (rejected) and new rows (added), `note` and the columns of attributes (`attr_...`). Objects `left_out`
+    of a delivered inventory, which have the class of no object, are not deleted.
     """
     notes_before = notes_before or {}
     notes: list[str] = []
@@ -73,7 +75,7 @@ def corrections_of_inventory(
                         f"{_described(correction)}): edit it in one layer"
                     )
     _check_values(path, [*found.values(), *added], {*classes, *listed["class"].astype(str)})
-    deleted = _deleted(layers, listed, states)
+    deleted = [number for number in _deleted(layers, listed, states) if number not in left_out]
     if len(deleted) > max(len(listed) / 2, 1) and not many_deleted:
         raise DataError(
             f"{path} lacks {len(deleted)} of {len(listed)} objects, which would be rejected: is it whole? "

@@ -1,6 +1,7 @@
 """Layers of an edited GeoPackage as rows, and what of them cannot be compared with the inventory."""
 
 import sqlite3
+import warnings
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
@@ -22,6 +23,7 @@ from mlsroad_pipeline.inventory_files.road_inventory import LAYERS
 TEXT = ("status", "checked_class", "class", "kind")
 """Fields whose edits are corrections."""
 
+_MOVED = 0.01  # distance of the centre of a box from the place of its vehicle that is an edit, metres
 _SHAPEFILE = 10  # characters of a name in a Shapefile
 OBJECTS = ("objects", *LAYERS)
 """Layers of objects."""
@@ -60,8 +62,11 @@ def _read(path: Path, notes: list[str]) -> dict[str, Any]:
         chosen = [name for name in (*OBJECTS, *LINE_LAYERS) if name in names and name not in own]
         options = {"on_invalid": "ignore", "fid_as_index": True}
         layers = {name: gpd.read_file(path, layer=name, **options) for name in chosen if name not in views}
+        boxes = layers.get("vehicles")
         if "vehicles" in own:
-            layers["objects"] = _with_boxes(layers["objects"], path)
+            boxes = gpd.read_file(path, layer="vehicles", **options)
+            layers["objects"] = _with_boxes(layers["objects"], boxes)
+        notes += _moved_boxes(boxes)
     except (sqlite3.Error, pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, ValueError) as error:
         raise ReadError(f"{path}: not a GeoPackage: {' '.join(str(error).split())}") from error
     if views.intersection(chosen):
@@ -75,11 +80,31 @@ def _read(path: Path, notes: list[str]) -> dict[str, Any]:
     return layers
 
 
-def _with_boxes(frame: gpd.GeoDataFrame, path: Path) -> gpd.GeoDataFrame:
-    """Return the objects; new ones that were drawn in the view `vehicles` have their box, since they have no point."""
-    boxes = gpd.read_file(path, layer="vehicles", fid_as_index=True, on_invalid="ignore").geometry
+def _with_boxes(frame: gpd.GeoDataFrame, boxes: gpd.GeoDataFrame) -> gpd.GeoDataFrame:
+    """Return the objects; new ones of the view `vehicles`, drawn or copied, have their box: they have no point."""
+    is_copy = frame["object_id"].duplicated(keep=False) & frame.geometry.isna()
+    frame = frame.assign(object_id=frame["object_id"].mask(is_copy))
     drawn = frame["object_id"].isna() & frame.geometry.isna()
-    return frame.set_geometry(frame.geometry.where(~drawn, boxes.reindex(frame.index)))
+    return frame.set_geometry(frame.geometry.where(~drawn, boxes.geometry.reindex(frame.index)))
+
+
+def _moved_boxes(boxes: Any) -> list[str]:
+    """Return a sentence about boxes of vehicles that no longer lie around their place: only points are moved."""
+    if not isinstance(boxes, gpd.GeoDataFrame) or not {"object_id", "x", "y"} <= set(boxes):
+        return []
+    known = boxes[boxes["object_id"].notna() & ~boxes["object_id"].duplicated(keep=False)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # in degrees
+        centres = known.geometry.centroid
+    apart = np.hypot(centres.x - known["x"], centres.y - known["y"]) > _MOVED
+    numbers = known.loc[apart, "object_id"].astype("int64").tolist()
+    if not numbers:
+        return []
+    return [f"{len(numbers)} boxes of layer 'vehicles' were moved ({_first(numbers)}): move the points of 'objects'"]
+
+
+def _first(numbers: Sequence[int]) -> str:
+    return "object_id " + ", ".join(map(str, numbers[:5])) + (", ..." if len(numbers) > 5 else "")
 
 
 def _missing_log(path: Path) -> list[str]:
@@ -123,8 +148,7 @@ def rows_of(frame: gpd.GeoDataFrame, layer: str, notes: list[str]) -> list[dict[
             unread.append(row["object_id"])
         rows.append(row)
     if unread:
-        first = ", ".join(map(str, unread[:5])) + (", ..." if len(unread) > 5 else "")
-        notes.append(f"{len(unread)} objects of layer {layer!r} have no {_wanted(layer)} (object_id {first})")
+        notes.append(f"{len(unread)} objects of layer {layer!r} have no {_wanted(layer)} ({_first(unread)})")
     return rows
 
 

@@ -72,10 +72,10 @@ class _Edits:
         """Return the largest number of a line."""
         return max(self.lines, default=0)
 
-    def has(self, row: _Row) -> bool:
-        """Return whether a row is a line as it is now."""
+    def line_of(self, row: _Row) -> _Line | None:
+        """Return the line that a row is as it is now."""
         present = (line for line in self.lines.values() if line.kind == row.kind and not line.is_gone)
-        return any(_same(row.vertices, line.now) for line in present)
+        return next((line for line in present if _same(row.vertices, line.now)), None)
 
 
 def corrections_of_lines(
@@ -145,7 +145,7 @@ def _rows(
         if number is not None and not _is_copy(lines[number], values):
             strange.append(number)
         line = None if shape is None else shapely.line_merge(shape) if shape.geom_type == "MultiLineString" else shape
-        if line is None or line.geom_type != "LineString" or len(line.coords) < 2 or not np.isfinite(line.bounds).all():
+        if line is None or line.geom_type != "LineString" or not (line.length and np.isfinite(line.bounds).all()):
             unread.append("new" if number is None else str(number))
             if number is not None:
                 lines[number].is_there = True  # it was not deleted
@@ -193,8 +193,11 @@ def _without_known(edits: _Edits, rows: Sequence[_Row]) -> list[_Row]:
                 whole.add(row.number)
                 continue
             row.number = None if own.is_gone else row.number
-        if not edits.has(row):
+        known_line = edits.line_of(row)
+        if known_line is None:
             changed.append(row)
+        elif row.number is None:
+            known_line.is_there = True  # its row has lost its number
     return [row if row.number not in whole else replace(row, number=None) for row in changed]
 
 

@@ -12,6 +12,7 @@ from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from mlsroad_pipeline import __version__
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ParameterError, ReadError
 from mlsroad_pipeline.execution.run_identity import STATE
 from mlsroad_pipeline.formats.files import write_atomic
@@ -27,6 +28,7 @@ from mlsroad_pipeline.review.corrections import Decision, open_corrections
 from mlsroad_pipeline.review.corrections.checked_states import checked_tables
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 from mlsroad_pipeline.review.corrections.states import States
+from mlsroad_pipeline.review.delivery.catalogue import ITEM, VPC, catalogue_ending, stac, write_catalogue
 from mlsroad_pipeline.review.delivery.corrected_objects import corrected_inventory, kinds_of_classes, within_reach
 from mlsroad_pipeline.review.delivery.corrected_points import (
     ClassCodes,
@@ -111,9 +113,10 @@ class Delivery:
                 self._check_free(target, overwrite=overwrite)
         with ExitStack() as stack:
             staged: dict[Path, Path] = {}
-            for target in targets:
+            for target in sorted(targets, key=lambda path: bool(catalogue_ending(path))):
                 folder = stack.enter_context(tempfile.TemporaryDirectory(dir=_near(target), prefix=".mlsroad-"))
-                for path, final in self._written(target, Path(folder)):
+                ending, place = catalogue_ending(target), Path(folder)
+                for path, final in self._catalogue(target, place, staged) if ending else self._written(target, place):
                     if final in staged and not filecmp.cmp(path, staged[final], shallow=False):
                         raise ParameterError(f"{final} would be written twice: give the files different names")
                     staged[final] = path
@@ -125,13 +128,17 @@ class Delivery:
         return list(staged)
 
     def _check_target(self, target: Path) -> None:
-        if target.suffix.lower() not in SUFFIXES:
-            known = ", ".join(SUFFIXES)
+        if catalogue_ending(target):
+            stac()
+        elif target.suffix.lower() not in SUFFIXES:
+            known = ", ".join((*SUFFIXES, VPC, ITEM))
             raise ParameterError(
                 f"{target}: unknown format {target.suffix!r}: the name of a delivered file ends in {known}"
             )
-        if self._schema is not None and target.suffix.lower() in {*SUFFIXES} - {*DRIVERS, ".laz", ".html"}:
+        elif self._schema is not None and target.suffix.lower() in {*SUFFIXES} - {*DRIVERS, ".laz", ".html"}:
             raise ParameterError(f"{target}: a schema of your own is written as {', '.join(DRIVERS)}")
+        if _near(target).is_file():
+            raise ReadError(f"{_near(target)} is a file, not a folder")
         if not _near(target).is_dir():
             raise ReadError(f"{_near(target)} does not exist: create the folder first")
 
@@ -206,6 +213,22 @@ class Delivery:
             write_copc(str(pairs[0][0]), str(folder / "points.copc.laz"), n_threads=2)
             return [(folder / "points.copc.laz", target)]
         return pairs
+
+    def _catalogue(self, target: Path, folder: Path, staged: Mapping[Path, Path]) -> list[tuple[Path, Path]]:
+        """Write a file of STAC that names the files of the same delivery, and results of label of other formats."""
+        new = {final.suffix.lower() for final in staged}
+        paths = [self.output.path / str(entry["path"]) for entry in self.output.run["outputs"]]
+        results = {path: path for path in paths if path.suffix.lower() not in new - {".html"}}
+        if ".laz" not in new:
+            self._labelled.clouds()  # an error where one is missing
+            if self.history:
+                logger.warning("%s names the points as labelled: write the corrected ones with it (-o laz/)", target)
+        summary = self.output.run["summary"]
+        properties = {f"mlsroad:{key}": summary[key] for key in ("method", "model") if summary.get(key)}
+        properties["processing:software"] = {"mlsroad": __version__}
+        places = {path: now for path, now in {**results, **staged}.items() if now.is_file()}
+        write_catalogue(folder / target.name, target, places, Path(self.output.name).stem, properties)
+        return [(folder / target.name, target)]
 
     def _protocol(self, target: Path, folder: Path) -> list[tuple[Path, Path]]:
         run = self.output.run["summary"]
