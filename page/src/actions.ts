@@ -2,6 +2,7 @@
 
 import type { Cloud } from "./cloud";
 import { ask } from "./ask";
+import { Entries } from "./entries";
 import { Lines } from "./lines";
 import { listing } from "./listing";
 import { KINDS, type List, type Model, type Place, type Tool } from "./model";
@@ -15,6 +16,7 @@ export class Actions {
   places: Place[] = [];
   onPlaces: () => void = () => {};
   readonly lines = new Lines(this);
+  readonly entries = new Entries(this);
   private readonly together = new Together(this);
   /** Step that waits for the list. */
   private awaited: number | null = null;
@@ -50,7 +52,7 @@ export class Actions {
 
   showList(list: List): void {
     const { model } = this;
-    if ((list === "lines") !== (model.list === "lines")) model.setMarked([]);
+    if ((list === "lines") !== (model.list === "lines") || model.survey.entries[list]) model.setMarked([]);
     model.set("queue", "list", list);
     model.emit("filter"); // kinds of lines in place of those of objects
     if (list === "groups" && !model.groups.length) void model.loadGroups();
@@ -61,6 +63,7 @@ export class Actions {
     const { model } = this;
     if (model.list === "groups") return this.nextGroup(step);
     if (model.list === "lines") return this.lines.next(step);
+    if (model.survey.entries[model.list]) return this.entries.next(step);
     if (!model.queued) {
       this.awaited = step;
       return this.hint("The list is being read.", () => !model.queued);
@@ -140,11 +143,15 @@ export class Actions {
     if (undone?.object_id && this.model.byId.has(undone.object_id)) this.go(undone.object_id);
     const line = undone?.line && this.model.lineOf(undone.line);
     if (line) this.lines.go(line);
+    const [table, name] = undone?.entry ?? [];
+    const entry = table && this.model.entriesOf(table).find((other) => other.name === name);
+    if (entry) this.entries.go(entry);
   }
 
   accept(): void {
-    const { group, line, marked } = this.model;
+    const { entry, group, line, marked } = this.model;
     if (marked.size) return void this.together.decide("accept", "accepted");
+    if (entry) return void this.entries.decide(entry, "right");
     if (line) return void this.lines.decide(line, "accept_line");
     if (group) return void this.answer(group, this.model.className(group.code));
     const id = this.chosen();
@@ -153,6 +160,7 @@ export class Actions {
 
   reject(): void {
     if (this.model.marked.size) return void this.together.decide("reject", "rejected");
+    if (this.model.entry) return void this.entries.decide(this.model.entry, "wrong");
     if (this.model.line) return void this.lines.decide(this.model.line, "reject_line");
     if (this.model.group) return void this.leaveOut(this.model.group);
     const id = this.chosen();

@@ -1,12 +1,13 @@
-// Object, line or place in the address: gone to when the page opens or the address changes, written when one is chosen.
+// Object, line, entry or place in the address: gone to when the page opens or the address changes, written when one is chosen.
 
 import type { Actions } from "./actions";
-import type { Model, Place } from "./model";
+import type { List, Model, Place } from "./model";
 
 /** Part of the address that names what is chosen; empty if nothing is. */
 function chosen(model: Model): string {
   const { origin } = model.survey;
   if (model.selected !== null) return `#object=${model.selected}`;
+  if (model.entry) return `#${model.tableOf(model.entry)}=${encodeURIComponent(model.entry.name)}`;
   if (model.line) return `#line=${model.line.line_id}`;
   if (model.group) return `#place=${model.group.place.map((value, axis) => (value + origin[axis]).toFixed(2))}`;
   return "";
@@ -18,10 +19,14 @@ function go(address: string, model: Model, actions: Actions): void {
   const numbers = (value ?? "").split(",").map(Number);
   const isPlace = what === "place" && [2, 3].includes(numbers.length) && numbers.every(Number.isFinite);
   const line = what === "line" ? model.lineOf(numbers[0]) : undefined;
+  const entry = model.entriesOf(what).find(({ name }) => encodeURIComponent(name) === value);
   if (what === "object" && model.byId.has(numbers[0])) actions.go(numbers[0]);
   else if (line) {
     actions.showList("lines");
     actions.lines.go(line);
+  } else if (entry) {
+    actions.showList(what as List);
+    actions.entries.go(entry);
   } else if (isPlace) {
     const { origin } = model.survey;
     const height = numbers[2] ?? actions.cloud.target[2] + origin[2];

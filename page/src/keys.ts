@@ -14,8 +14,8 @@ export function keys(model: Model, cloud: Cloud, actions: Actions, theme: () => 
     ["Review", [
       [["n"], "next object or place to look at", () => actions.next()],
       [["N"], "the one before", () => actions.next(-1)],
-      [["a"], "accept: the object or line, all marked ones, or the class of the place", () => actions.accept()],
-      [["r"], "reject the object or line, or all marked ones; leave the place out", () => actions.reject()],
+      [["a"], "accept: the object or line, all marked ones, the class of the place, or the state of the entry", () => actions.accept()],
+      [["r"], "reject the object or line, or all marked ones; leave the place out; the state is wrong", () => actions.reject()],
       [["k"], "other kind or class", () => actions.otherKind()],
       [["m"], "merge with another object; join with another line", () => actions.tool("merge")],
       [["s"], "split: click bases, then Enter; cut a line", () => actions.tool("split")],

@@ -13,6 +13,8 @@ const LISTS: [List, string, string][] = [
   ["lines", "Lines", "Kerbs, wires and markings: uncertain and long ones first"],
   ["decided", "Decided", "Objects that were decided, the last ones first"],
   ["groups", "Places", "Points of no object to look at first: uncertain, many, unlike the places that were answered"],
+  ["register", "Register", "Entries of the compared register whose state is to be checked"],
+  ["changes", "Changes", "Objects of two compared surveys whose state is to be checked"],
 ];
 
 const ORDER_NAMES: Record<Order, string> = { first: "look at first", number: "number", kind: "kind", lowest: "lowest score", highest: "highest score" };
@@ -131,7 +133,7 @@ export function objectList(model: Model, actions: Actions): HTMLElement {
   }
 
   function showHere(): void {
-    const here = String(model.group?.place ?? model.line?.line_id ?? model.selected);
+    const here = String(model.group?.place ?? model.entry?.name ?? model.line?.line_id ?? model.selected);
     for (const item of list.children) {
       const id = (item as HTMLElement).dataset.id;
       item.classList.toggle("here", id === here);
@@ -142,9 +144,11 @@ export function objectList(model: Model, actions: Actions): HTMLElement {
 
   function show(): void {
     for (const button of lists.querySelectorAll("button")) button.setAttribute("aria-checked", String(button.dataset.list === model.list));
-    controls.hidden = model.list === "groups" || model.list === "decided";
+    const compared = model.survey.entries[model.list] !== undefined;
+    controls.hidden = model.list === "groups" || model.list === "decided" || compared;
     clear(list);
-    if (model.list === "groups") showGroups();
+    if (compared) actions.entries.show(list, progress, MOST);
+    else if (model.list === "groups") showGroups();
     else if (model.list === "lines") showLines();
     else if (model.list === "decided") showDecided();
     else showQueue();
@@ -152,11 +156,12 @@ export function objectList(model: Model, actions: Actions): HTMLElement {
   }
 
   for (const [which, text, title] of LISTS) {
+    if (["register", "changes"].includes(which) && !model.survey.entries[which]) continue;
     lists.append(el("button", { type: "button", role: "radio", title, "data-list": which, click: () => actions.showList(which) }, text));
   }
   lists.append(el("kbd", { title: "The other list" }, "J"));
   model.on(["queue", "filter", "decisions"], show);
   model.on(["selection", "marked"], showHere);
   show();
-  return el("section", { class: "first" }, el("h2", {}, "Look at first", el("kbd", { title: "Next" }, "N")), !model.source.readOnly && lists, controls, progress, list);
+  return el("section", { class: "first" }, el("h2", {}, "Look at first", el("kbd", { title: "Next" }, "N")), (!model.source.readOnly || Object.keys(model.survey.entries).length > 0) && lists, controls, progress, list);
 }

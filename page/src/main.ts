@@ -119,6 +119,7 @@ async function start(): Promise<void> {
   map.setPoints(...sampled(data, survey));
   await model.load();
   followAddress(model, actions);
+  if (survey.left_out.length) actions.hint(survey.left_out.join("; "), () => true);
   if (!source.readOnly) await watch(model, cloud, map, progress);
 }
 

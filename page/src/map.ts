@@ -231,6 +231,13 @@ export class SurveyMap {
       context.stroke();
       context.globalAlpha = 1;
     }
+    if (!model.entry) return;
+    const [x, y] = this.at(...(model.placeOf(model.entry).slice(0, 2) as [number, number]));
+    context.beginPath();
+    context.arc(x, y, 10, 0, 2 * Math.PI);
+    context.lineWidth = 3;
+    context.strokeStyle = "#ffd21f";
+    context.stroke();
   }
 
   private camera(context: CanvasRenderingContext2D): void {

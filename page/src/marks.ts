@@ -92,6 +92,7 @@ export class Marks {
       const name = model.list !== "lines" && model.marked.has(object.id) ? "#ffd21f" : model.view === "status" || status === "rejected" ? STATUS_COLOURS[status] : kindColour(object.kind, model.kinds);
       this.tops.push({ id: object.id, place: add(object.place, object.height || 2, name) });
     }
+    if (model.entry) add(model.placeOf(model.entry), 3, "#ffd21f");
     setPositions(this.dots.geometry, dots, colours);
     const doubled = Array.from({ length: colours.length / 3 }, (_, i) => [...colours.slice(3 * i, 3 * i + 3), ...colours.slice(3 * i, 3 * i + 3)]).flat();
     setPositions(this.masts.geometry, masts, doubled);

@@ -160,6 +160,7 @@ export class Model extends State {
   private said({ action, kind, payload, object_id }: Wanted): string {
     const given = String(payload?.to ?? payload?.class ?? kind ?? "");
     const object = [...this.objects].find(({ id, made }) => id === object_id || (made && made.decision === payload?.added));
+    if (action === "check") return `${kind} ${payload!.entry}: the state is ${payload!.checked}`;
     const what = object ? title(object) : payload?.line ? `${kind} ${payload.line}` : given;
     const done = action === "other_kind" || action === "kind_line" ? `is ${given} now` : (DONE[action] ?? "added");
     return `${what} ${done}`.replaceAll("_", " ");

@@ -156,7 +156,7 @@ export function review(model: Model, actions: Actions): HTMLElement {
 
   function showChosen(): void {
     const object = model.selected === null ? undefined : model.byId.get(model.selected);
-    const parts = model.line ? linePart(model.line) : model.group ? groupPart(model.group) : object ? objectPart(object) : pointPart();
+    const parts = model.entry ? actions.entries.part(model.entry) : model.line ? linePart(model.line) : model.group ? groupPart(model.group) : object ? objectPart(object) : pointPart();
     // Buttons and keys decide about the marked ones while there are any.
     const single = model.marked.size ? parts.filter((part) => !(part instanceof HTMLElement && part.classList.contains("buttons"))) : parts;
     const children = [...markedPart(), ...single];
@@ -174,7 +174,7 @@ export function review(model: Model, actions: Actions): HTMLElement {
 
   model.on(["selection", "marked"], () => {
     showChosen();
-    if (model.selected !== null || model.group || model.line) panel.scrollTop = 0; // to the buttons
+    if (model.selected !== null || model.group || model.line || model.entry) panel.scrollTop = 0; // to the buttons
   });
   model.on(["queue", "filter"], showChosen);
   model.on(["decisions"], () => {

@@ -2,12 +2,12 @@
 
 import { setColours } from "./colours";
 import type { Source } from "./source";
-import type { Cell, Corrections, Decision, Note, ObjectState, PointGroup, QueueItem, RoadLine, Status, Survey } from "./types";
+import type { Cell, Corrections, Decision, Entry, Note, ObjectState, PointGroup, QueueItem, RoadLine, Status, Survey } from "./types";
 
 export const VIEWS = ["class", "confidence", "intensity", "height", "colour", "object", "status", "error"] as const;
 export type View = (typeof VIEWS)[number];
 export type Tool = "look" | "measure" | "section" | "paint" | "base" | "merge" | "split" | "add" | "line";
-export type List = "objects" | "lines" | "groups" | "decided";
+export type List = "objects" | "lines" | "groups" | "decided" | "register" | "changes";
 export type Change = "view" | "filter" | "selection" | "decisions" | "queue" | "tool" | "status" | "saved" | "paint" | "theme" | "marked";
 export type Place = [number, number, number];
 
@@ -82,6 +82,11 @@ export class State {
   /** Lines after the decisions. */
   lines: RoadLine[] = [];
   hiddenLines = new Set<string>();
+  /** Chosen entry of a compared table, and whether those without a question are listed. */
+  entry: Entry | null = null;
+  allEntries = false;
+  private checks: Corrections["checked"] = {};
+  private readonly tables = new Map<Entry, string>();
   /** Numbers of the objects, or lines where these are listed, that are decided together. */
   marked = new Set<number>();
   order: Order = "first";
@@ -107,6 +112,7 @@ export class State {
     this.listed = rows.map((row) => this.road(Object.fromEntries(columns.map((name, i) => [name, row[i]])), false));
     this.arrange([]);
     this.lines = survey.lines;
+    for (const table of Object.keys(survey.entries)) for (const entry of this.entriesOf(table)) this.tables.set(entry, table);
     for (const [code, name] of Object.entries(survey.classes)) this.classNames.set(Number(code), name);
     const share = survey.n_points / Math.max(1, survey.first.n_points);
     for (const [code, n] of Object.entries(survey.first.classes)) this.classCounts.set(Number(code), Math.round(n * share));
@@ -148,6 +154,7 @@ export class State {
     this.lineStates = found.lines.status;
     this.notes = found.notes;
     this.addedNotes = found.notes_of_added;
+    this.checks = found.checked;
     this.arrange(found.objects);
     this.arrangeLines(found.lines);
     this.marked = new Set([...this.marked].filter((id) => (this.list === "lines" ? this.lineOf(id) : this.byId.has(id))));
@@ -171,6 +178,27 @@ export class State {
 
   lineOf(id: number): RoadLine | undefined {
     return this.lines.find((line) => line.line_id === id);
+  }
+
+  entriesOf(table: string): Entry[] {
+    return this.survey.entries[table] ?? [];
+  }
+
+  tableOf(entry: Entry): string {
+    return this.tables.get(entry)!;
+  }
+
+  /** What was decided about the state of an entry: right, wrong or nothing. */
+  checked(entry: Entry): string {
+    return this.checks[this.tableOf(entry)]?.[entry.name] ?? "";
+  }
+
+  /** Place of an entry; without a height it is that of the nearest object. */
+  placeOf({ x, y, z }: Entry): Place {
+    const { origin } = this.survey;
+    const far = ({ place }: RoadObject) => Math.hypot(place[0] + origin[0] - x, place[1] + origin[1] - y);
+    const nearest = z === null && this.objects.length ? this.objects.reduce((best, object) => (far(object) < far(best) ? object : best)).place[2] : 0;
+    return [x - origin[0], y - origin[1], z === null ? nearest : z - origin[2]];
   }
 
   lineStatus(line: RoadLine): string {
@@ -276,6 +304,12 @@ export class State {
     this.emit("selection");
   }
 
+  selectEntry(entry: Entry): void {
+    this.select(null);
+    this.entry = entry;
+    this.emit("selection");
+  }
+
   /** Mark objects or lines for a decision about all of them; `add` keeps those that are marked. */
   setMarked(ids: Iterable<number>, add = false): void {
     this.set("marked", "marked", new Set([...(add ? this.marked : []), ...ids]));
@@ -285,6 +319,7 @@ export class State {
     this.selected = id;
     this.point = point;
     this.line = null;
+    this.entry = null;
     this.leaveGroup();
     this.emit("selection");
   }

@@ -34,6 +34,19 @@ export interface RoadLine {
   vertices: [number, number, number][];
 }
 
+/** Entry of a compared register, or object of two compared surveys. */
+export interface Entry {
+  name: string;
+  kind: string;
+  state: string;
+  x: number;
+  y: number;
+  z: number | null;
+  object_id: number;
+  reason: string;
+  asks: boolean;
+}
+
 export interface Survey {
   name: string;
   folder: string;
@@ -52,6 +65,10 @@ export interface Survey {
   /** Name of the file with the background of the map, empty without one. */
   background: string;
   warnings: string[];
+  /** Entries of compared tables by name, the states to check in each, and why tables are left out. */
+  entries: Record<string, Entry[]>;
+  asked: Record<string, string[]>;
+  left_out: string[];
   first: FirstFacts;
 }
 
@@ -96,6 +113,8 @@ export interface Decision {
   what: string;
   /** Number of the line that it is about. */
   line: number | null;
+  /** Compared table and entry that it is about. */
+  entry: [string | null, string | null];
 }
 
 /** Texts about an object that users have typed. */
@@ -119,6 +138,8 @@ export interface Corrections {
   codes: Record<string, number>;
   /** Points per class code; null while the tiles are not finished. */
   counts: Record<string, number> | null;
+  /** What was decided about states of entries, by table and entry. */
+  checked: Record<string, Record<string, string>>;
   mark: string;
 }
 

@@ -66,6 +66,22 @@ def test_states_are_not_replaced_unasked(run, folder, compared):
     assert first.read_bytes() == second.read_bytes()
 
 
+def test_a_checked_state_stays_over_a_new_comparison(run, folder, compared):
+    assert compared.returncode == 0
+    path = folder / "street_mlsroad/register/register.csv"
+    entry = pd.read_csv(path).set_index("id").loc[901]
+    payload = {"table": "register", "entry": "901", "state": "not found", "checked": "right"}
+    payload |= {"x": float(entry["x"]), "y": float(entry["y"])}
+    with open_corrections(folder / "street_mlsroad") as store:
+        store.add(Correction("check", kind="pole", payload=payload), who="ann")
+    done = run("compare", "register.csv", "street_mlsroad", *OPTIONS, "--overwrite", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    table = pd.read_csv(path).set_index("id")
+    assert table.loc[901, "checked"] == "right" and table["checked"].notna().sum() == 1
+    layer = gpd.read_file(path.with_suffix(".gpkg"), layer="register")
+    assert layer["checked"].tolist().count("right") == 1
+
+
 def test_without_the_file_of_the_trajectory_the_path_of_the_inventory_serves(run, folder, compared):
     assert compared.returncode == 0
     shutil.move(folder / "street/trajectory.csv", folder / "moved.csv")

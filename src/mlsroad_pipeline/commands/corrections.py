@@ -25,6 +25,7 @@ def list_corrections(out: Out, verbose: Verbose = False) -> None:
     """List the decisions about a labelled survey, and those that match no object any more."""
     from mlsroad_pipeline.review.corrections import has_corrections, open_corrections
     from mlsroad_pipeline.review.corrections.answers import files_of, unmatched_strokes
+    from mlsroad_pipeline.review.corrections.checked_states import lost_checks
     from mlsroad_pipeline.review.corrections.line_decisions import lost_lines
 
     with one_line_errors(verbose=verbose):
@@ -38,7 +39,8 @@ def list_corrections(out: Out, verbose: Verbose = False) -> None:
             return
         with open_corrections(folder, write=False) as store:
             decisions, states = store.current(), store.states()
-        lost = {decision.identifier for decision in (*states.unmatched, *lost_lines(states.lines, Path(folder)))}
+        others = (*lost_lines(states.lines, Path(folder)), *lost_checks(states.checks, Path(folder)))
+        lost = {decision.identifier for decision in (*states.unmatched, *others)}
         misplaced = {
             decision.identifier
             for decision in unmatched_strokes(states.painted, files_of(states.painted, Path(folder)))
@@ -46,7 +48,7 @@ def list_corrections(out: Out, verbose: Verbose = False) -> None:
         missing = {decision.identifier for decision in states.added}
         rows = [_row(decision, decision.identifier in lost | misplaced, missing) for decision in decisions]
         console.print(count_table(rows, ("decision", "made", "who", "action", "object", "what", "matches")))
-        console.print(f"\n{len(decisions)} decisions, {len(lost)} match no object or line of the inventory.")
+        console.print(f"\n{len(decisions)} decisions, {len(lost)} match no object, line or compared state.")
         n_missing = sum(row[-1] == ADDED for row in rows)
         if n_missing:
             console.print(f"{n_missing} are about objects that are not listed any more: they count as added.")

@@ -27,6 +27,7 @@ from mlsroad_pipeline.label.labelled_clouds import LabelledCloud, Recorded
 from mlsroad_pipeline.reporting.changes_page import ChangesMap, changes_page
 from mlsroad_pipeline.reporting.clouds.pictures import map_frame, object_picture, overview_picture
 from mlsroad_pipeline.reporting.html.report import Picture, table_section
+from mlsroad_pipeline.review.corrections.checked_states import with_checked
 
 LAYERS, PAGE, RASTER = "changes.gpkg", "changes.html", "surface_change.tif"
 """Files of a comparison of surveys beside its table."""
@@ -40,7 +41,7 @@ _SHARES = {"empty_share": 2, "standing_share": 2}
 _HEADINGS = {
     "changes": "Changes", "first_id": "Number before", "second_id": "Number after", "distance": "Moved by [m]",
     "tilt_change": "Axis turned by [deg]", "height_change": "Height [m]", "panel_bottom_change": "Panel [m]",
-    "reason": "Reason", "x": "Easting [m]", "y": "Northing [m]", "key": "Key",
+    "reason": "Reason", "checked": "Checked", "x": "Easting [m]", "y": "Northing [m]", "key": "Key",
 }  # fmt: skip
 LINES_NOTE = f"Length in metres. Layer lines of {LAYERS} has the parts."
 SURFACE_NOTE = (
@@ -53,7 +54,8 @@ def write_changes(compared: ComparedSurveys, folder: Path, warnings: Sequence[st
     """Write table, layers, raster and page of a comparison of surveys, each whole or not at all; return their paths."""
     check_closed(folder / LAYERS)
     folder.mkdir(parents=True, exist_ok=True)
-    table, crs = compared.objects.round(3).round(_SHARES), compared.second.inventory.crs
+    crs = compared.second.inventory.crs
+    table = with_checked(compared.objects.round(3).round(_SHARES), "changes", compared.second.output.path)
     lines = compared.lines
     layers = {"objects": points_of(table), "lines": (lines.table, lines.shapes, "LineString")}
     areas = pd.DataFrame()

@@ -18,6 +18,7 @@ from mlsroad_pipeline.label.change_report import map_of
 from mlsroad_pipeline.label.labelled_clouds import Recorded, on_ground, seen_space
 from mlsroad_pipeline.label.object_scoring import warn_of_distance
 from mlsroad_pipeline.reporting.changes_page import changes_page
+from mlsroad_pipeline.review.corrections.checked_states import with_checked
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 from mlsroad_pipeline.surveys.register_files import KINDS as REGISTERED
 from mlsroad_pipeline.surveys.register_files import RegisterFile
@@ -29,6 +30,7 @@ TABLE, LAYER, PAGE = "register.csv", "register.gpkg", "register.html"
 _HEADINGS = {
     "id": "Entry", "evidence": "Evidence", "object_id": "Object", "object_kind": "Kind of the object",
     "distance": "Distance [m]", "height_difference": "Height difference [m]", "x": "Easting [m]", "y": "Northing [m]",
+    "checked": "Checked",
 }  # fmt: skip
 
 
@@ -70,7 +72,8 @@ def write_compared(
     compared: ComparedRegister, folder: Path, *, register: Path, warnings: Sequence[str] = ()
 ) -> list[Path]:
     """Write the states as a CSV table, a layer of a GeoPackage and a page with a map, each whole or not at all."""
-    table, survey = compared.table.round(3), compared.survey
+    survey = compared.survey
+    table = with_checked(compared.table.round(3), "register", survey.output.path)
     check_closed(folder / LAYER)
     write_atomic(folder / TABLE, without_formulas(table).to_csv(index=False, lineterminator="\n").encode())
     write_shapes({"register": points_of(table)}, folder / LAYER, crs=survey.inventory.crs)

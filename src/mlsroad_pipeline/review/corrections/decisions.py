@@ -12,6 +12,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
+from mlsroad_pipeline.review.compared_entries import CHECKED, COMPARED
 
 LINE_SHAPES = {"shape_line": 1, "cut_line": 2, "join_lines": 1, "add_line": 1}
 """Actions that give lines other vertices, to the number of lines that they leave."""
@@ -19,8 +20,10 @@ LINE_SHAPES = {"shape_line": 1, "cut_line": 2, "join_lines": 1, "add_line": 1}
 LINE_ACTIONS = ("accept_line", "reject_line", "kind_line", *LINE_SHAPES)
 """Actions about a line of the inventory: a kerb, a wire or a marking."""
 
-ACTIONS = ("accept", "reject", "other_kind", "merge", "split", "move_base", "add", "paint", "note", *LINE_ACTIONS)
-"""Actions of a user: `paint` changes points, `add` adds a missing object, the others change one object or line."""
+_OBJECT_ACTIONS = ("accept", "reject", "other_kind", "merge", "split", "move_base")
+ACTIONS = (*_OBJECT_ACTIONS, "add", "paint", "note", "check", *LINE_ACTIONS)
+"""Actions of a user: `paint` changes points, `add` adds a missing object, `check` judges a compared state, the others
+change one object or line."""
 
 FARTHEST = 20.0
 """Largest move of a base point, metres."""
@@ -36,7 +39,7 @@ class Correction:
     """One decision of a user."""
 
     action: str  # One of `ACTIONS`
-    object_id: int | None = None  # Number of the object in the inventory; none for `add`, `paint` and lines
+    object_id: int | None = None  # Number of the object in the inventory; none for `add`, `paint`, `check`, lines
     kind: str | None = None  # With `other_kind` and `add` the right kind (pole, sign, vehicle, tree); that of a line
     # JSON values. `accept`, `other_kind`, `add`: optionally `class`, the class of its points. `reject`: optionally
     # `class`, that of its points. `merge`: `objects`, the numbers of the objects that belong to this one. `split`:
@@ -45,14 +48,15 @@ class Correction:
     # number of points of the file. `note`: `note` and `attributes`, texts that replace those of before, of the object
     # or of the one that the decision `added` has added; `add` may have them too. Lines, by their present kind: `line`,
     # its number, and `x`, `y`, its first vertex, but for `add_line`; `kind_line`: `to`, the right kind; `LINE_SHAPES`:
-    # `parts`, the vertices x, y, z of each line; `join_lines`: `other`, with `line`, `kind`, `x`, `y`.
+    # `parts`, the vertices x, y, z of each line; `join_lines`: `other`, with `line`, `kind`, `x`, `y`. `check`, by the
+    # kind of the entry: `table` of `COMPARED`, `entry`, its name, `x`, `y`, `state`, and `checked`, right or wrong.
     payload: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the arguments of the action."""
         if self.action not in ACTIONS:
             raise ParameterError(f"correction: unknown action {self.action!r}, known are {', '.join(ACTIONS)}")
-        if self.action in ("add", "paint", *LINE_ACTIONS) or self._is_about_added:
+        if self.action in ("add", "paint", "check", *LINE_ACTIONS) or self._is_about_added:
             self._need(self.object_id is None, "object_id must be left out")
         else:
             self._need(_is_number(self.object_id), f"object_id must be a number from 1, got {self.object_id!r}")
@@ -86,6 +90,8 @@ class Correction:
             self._need(self.action == "move_base" or self.kind is not None, "kind must be given")
         elif self.action in LINE_ACTIONS:
             self._check_line()
+        elif self.action == "check":
+            self._check_entry()
         elif self.action == "note":
             added = given.get("added", 1)
             self._need(_is_number(added), f"added must be the number of a decision, got {added!r}")
@@ -114,6 +120,16 @@ class Correction:
         right = len(parts) == number and all(len(_entries(part)) > 1 for part in parts)
         right = right and sum(map(len, parts)) <= _MOST_VERTICES and all(_is_place(v) for part in parts for v in part)
         self._need(right, f"parts must be {number} lists of two or more vertices x, y, z, {_MOST_VERTICES} at most")
+
+    def _check_entry(self) -> None:
+        given = self.payload
+        table, entry, state, checked = (given.get(name) for name in ("table", "entry", "state", "checked"))
+        self._need(isinstance(table, str) and table in COMPARED, f"table must be one of {', '.join(COMPARED)}")
+        self._need(isinstance(entry, str) and entry != "" and _is_name(entry), "entry must be the name of an entry")
+        place = [given.get("x"), given.get("y"), 0.0]
+        self._need(self.kind is not None and _is_place(place), "kind, x, y must be given")
+        self._need(state in COMPARED[str(table)].states, f"unknown state {state!r} of {table}")
+        self._need(checked in CHECKED, f"checked must be {' or '.join(CHECKED)}, got {checked!r}")
 
     @property
     def _is_about_added(self) -> bool:
@@ -152,6 +168,8 @@ class Correction:
         if self.action == "note":
             typed = (f"{name}: {value}" for name, value in given.get("attributes", {}).items())
             return "; ".join(filter(None, (given.get("note"), *typed)))
+        if self.action == "check":
+            return f"{given['table']} {given['entry']} {given['state']}: {given['checked']}"
         if self.action not in LINE_ACTIONS:
             return self.checked_class
         own = f"{self.kind} {given['line']}" if "line" in given else str(self.kind)

@@ -77,6 +77,7 @@ class States:
     # Objects that were missing: added ones, and accepted or changed ones that the present inventory does not have
     added: list[Decision] = field(default_factory=list)
     lines: list[Decision] = field(default_factory=list)  # Decisions about lines, in order
+    checks: list[Decision] = field(default_factory=list)  # Decisions about states of compared entries, in order
     # Note and attributes of objects by number, and of added ones by the decision that added them
     notes: dict[int, Note] = field(default_factory=dict)
     notes_of_added: dict[int, Note] = field(default_factory=dict)
@@ -101,6 +102,8 @@ def fold_states(decisions: Sequence[Decision], objects: ListedObjects) -> States
                 states.notes_of_added[of] = Note.of(decision.correction.payload)
         elif action in LINE_ACTIONS:
             states.lines.append(decision)
+        elif action == "check":
+            states.checks.append(decision)
         else:
             numbers = [present.get((decision.identifier, number)) for number in named_objects(decision.correction)]
             if numbers[0] is None:

@@ -25,6 +25,7 @@ from mlsroad_pipeline.inventory_files.own_schema import DRIVERS, read_schema, wr
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 from mlsroad_pipeline.inventory_files.vector_files import without_formulas, write_gml
 from mlsroad_pipeline.review.corrections import Decision, open_corrections
+from mlsroad_pipeline.review.corrections.checked_states import checked_tables
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 from mlsroad_pipeline.review.corrections.states import States
 from mlsroad_pipeline.review.delivery.catalogue import ITEM, VPC, catalogue_ending, stac, write_catalogue
@@ -235,13 +236,18 @@ class Delivery:
         name = model.get("name") if isinstance(model, Mapping) else model
         facts: dict[str, Any] = {"survey": self.output.name, "folder": str(self.output.path.name), "model": name}
         table = kind_table(self.listed.objects, self.states, self.kinds)
-        page, decisions = folder / "page.html", folder / "decisions.csv"
-        write_atomic(
-            page, protocol_page(facts, self.history, table, lines_by_kind(self.listed.lines, self.states)).encode()
-        )
-        text = without_formulas(decision_table(self.history)).to_csv(index=False, lineterminator="\n")
-        write_atomic(decisions, text.encode())
-        return [(page, target), (decisions, target.with_name(f"{target.stem}_decisions.csv"))]
+        lines = lines_by_kind(self.listed.lines, self.states)
+        checked, left_out = checked_tables(self.output.path, self.states.checks)
+        for line in left_out:
+            logger.warning("%s", line)
+        page = folder / "page.html"
+        write_atomic(page, protocol_page(facts, self.history, table, lines, checked).encode())
+        written = [(page, target)]
+        for name, rows in {"decisions": decision_table(self.history), **checked}.items():
+            own = folder / f"{name}.csv"
+            write_atomic(own, without_formulas(rows).to_csv(index=False, lineterminator="\n").encode())
+            written.append((own, target.with_name(f"{target.stem}_{name}.csv")))
+        return written
 
 
 def _is_all(target: Path) -> bool:

@@ -1,7 +1,7 @@
 """Protocol of a check: who decided what and when, what is left, and the precision and recall that follow."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ import pandas as pd
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import line_table
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.reporting.html.report import build_report, facts_section, table_section
+from mlsroad_pipeline.review.corrections.checked_states import counts_of_checks
 from mlsroad_pipeline.review.corrections.decisions import Decision
 from mlsroad_pipeline.review.corrections.line_decisions import line_states
 from mlsroad_pipeline.review.corrections.states import ObjectState, States
@@ -111,8 +112,14 @@ def lines_by_kind(lines: pd.DataFrame | None, states: States) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def protocol_page(facts: dict[str, Any], history: Sequence[Decision], kinds: pd.DataFrame, lines: pd.DataFrame) -> str:
-    """Return the protocol as one HTML page; the tables are those of `kind_table` and `lines_by_kind`."""
+def protocol_page(
+    facts: dict[str, Any],
+    history: Sequence[Decision],
+    kinds: pd.DataFrame,
+    lines: pd.DataFrame,
+    checked: Mapping[str, pd.DataFrame],
+) -> str:
+    """Return the protocol as one HTML page; tables of `kind_table`, `lines_by_kind` and `checked_tables`."""
     decisions = decision_table(history)
     valid = decisions[decisions["taken_back_utc"] == ""]
     made = valid["made_utc"]
@@ -123,6 +130,7 @@ def protocol_page(facts: dict[str, Any], history: Sequence[Decision], kinds: pd.
         facts_section("Survey", facts),
         table_section("Objects by kind", kinds, _HOW),
         table_section("Lines by kind", lines),
+        *(table_section(f"States of {name}", counts_of_checks(table)) for name, table in checked.items()),
         table_section("Decisions by user", by_user.rename_axis(columns=None)),
         table_section("Decisions", decisions, "Times are UTC. The table beside this page has all of them."),
     ]

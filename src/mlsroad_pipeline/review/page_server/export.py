@@ -81,6 +81,7 @@ def _decisions(survey: ServedSurvey) -> tuple[dict[str, Any], list[dict[str, Any
         return survey.corrections(points=False), survey.queue(100)
     none: dict[str, Any] = {"states": {}, "painted": [], "decisions": [], "objects": [], "codes": {}, "mark": ""}
     none |= {"lines": {"status": {}, "rows": [], "gone": []}, "notes": {}, "notes_of_added": {}, "counts": None}
+    none["checked"] = {}
     return none, review_order(read_objects(survey.output.path).rows(), {}, 100)
 
 

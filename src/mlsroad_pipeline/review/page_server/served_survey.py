@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
+from mlsroad_pipeline.review.compared_entries import COMPARED, Entry, check_entries, checked_of, compared_entries
 from mlsroad_pipeline.review.page_server.output_folder import REPORT, OutputFolder
 from mlsroad_pipeline.review.page_server.selection import Near, brushed, cluster
 from mlsroad_pipeline.review.page_server.tile_cache import TileCache
@@ -45,6 +46,7 @@ class ServedSurvey:
         self._store: CorrectionStore | None = None
         self._objects = ""
         self._groups: PointGroups | None = None
+        self._entries: dict[str, list[Entry]] | None = None
         self._decided: Decided | None = None
         self.given = threading.Event()
 
@@ -95,6 +97,7 @@ class ServedSurvey:
     def survey(self, picture: FirstPicture | None = None) -> dict[str, Any]:
         """Return what does not change while the page is open; `picture` replaces the sample of the points."""
         output = self.output
+        self._entries, left_out = compared_entries(output.path)
         return {
             "name": output.name,
             "folder": output.path.name,
@@ -112,6 +115,9 @@ class ServedSurvey:
             "background": "" if self.background is None else self.background.name,
             "report": (output.path / REPORT).is_file(),
             "warnings": output.run["summary"].get("warnings", []),
+            "entries": {name: [entry._asdict() for entry in found] for name, found in self._entries.items()},
+            "asked": {name: COMPARED[name].asked for name in self._entries},
+            "left_out": left_out,
             "first": (picture or self.first).facts,
         }
 
@@ -143,6 +149,7 @@ class ServedSurvey:
                 "object_id": decision.correction.object_id,
                 "what": decision.correction.described,
                 "line": decision.correction.payload.get("line"),
+                "entry": [decision.correction.payload.get(name) for name in ("table", "entry")],
             }
             for decision in self.store.current()
         ]
@@ -156,8 +163,15 @@ class ServedSurvey:
             "notes_of_added": {str(n): note._asdict() for n, note in states.notes_of_added.items()},
             "codes": {str(n): int(painting.of_objects[n]) for n in np.flatnonzero(painting.of_objects >= 0)},
             "counts": decided.counts(self.tiles.index(), painting),
+            "checked": {n: checked_of(n, found, states.checks) for n, found in self._compared().items()},
             "mark": mark,
         }
+
+    def _compared(self) -> dict[str, list[Entry]]:
+        """Return the entries of compared tables as the page shows them."""
+        if self._entries is None:
+            self._entries, _ = compared_entries(self.output.path)
+        return self._entries
 
     @property
     def decided(self) -> Decided:
@@ -223,6 +237,7 @@ class ServedSurvey:
             raise ParameterError("all must be a list of decisions")
         corrections = [_correction(one) for one in several]
         self._check_current()
+        check_entries(corrections, self.output.path)
         for correction in corrections:
             if correction.payload.get("class") is not None:
                 check_values(correction, classes=self._class_names)
