@@ -61,6 +61,8 @@ def test_every_dataset_of_every_pipeline_can_be_made(project, env):
         *plans,
         "image_labels.drives",
         "label_exports",
+        "label_found_inventory",
+        "label_pictures",
         "label_facts",
         "label_offsets",
         "label_images",

@@ -42,7 +42,7 @@ def project(shared, tmp_path, monkeypatch):
 def test_a_method_of_one_line_is_trained_scored_and_used(project, tmp_path):
     run(project, to_nodes=["score_toy"], **TINY)
     names = {node.name for node in pipelines["toy"].nodes}
-    assert names == {"gather_patch_training", "train_toy", "label_by_toy"}
+    assert names == {"labelling.gather_patch_training", "labelling.toy.train_toy", "labelling.toy.label_by_toy"}
     assert "compare_methods" in {node.name.rpartition(".")[2] for node in pipelines["__default__"].nodes}
     scores = pd.read_csv(project / "data/08_reporting/scores/toy.csv").set_index(["split", "class", "metric"])["value"]
     assert scores["test", "all", "overall_accuracy"] > 0.5
