@@ -105,7 +105,8 @@ def test_the_fusion_learns_from_masks_and_labels_with_them(project, survey, tmp_
     masked = joined(TINY, {"image_labels": {"masks": "train_ids"}})
     with session_of(own, **masked) as session:
         parts = ["detrended_forest", "image_labels", "fusion"]
-        session.run(pipeline_names=parts, to_nodes=["score_image_labels", "learn_fusion"])  # no pictures
+        ends = ["labelling.image_labels.score_image_labels", "labelling.fusion.learn_fusion"]  # no pictures
+        session.run(pipeline_names=parts, to_nodes=ends)
     scores = pd.read_csv(own / "data/08_reporting/scores/image_labels.csv")
     seen = scores[(scores["split"] == "test_visible") & (scores["metric"] == "overall_accuracy")]["value"].item()
     assert seen > 0.85  # a network of thirty steps has 0.3
