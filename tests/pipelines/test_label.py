@@ -115,7 +115,10 @@ def test_two_workers_give_the_bytes_of_one_and_objects_span_scenes_and_files(sha
     for number in range(2):
         own = np.arange(len(cloud)) // 500 % 2 == number
         LasFormat().write(folder / f"{number}.laz", cloud.select(own), WriteOptions(like="none"))
-    how = {"ingest": {"scene_length": 3.0, "buffer": 2.0}, "export": ["dxf", "shapefile", "flatgeobuf,geojson", "csv", "gml"]}
+    how = {
+        "ingest": {"scene_length": 3.0, "buffer": 2.0},
+        "export": ["dxf", "shapefile", "flatgeobuf,geojson", "csv", "gml"],
+    }
     one = label(label_project, folder, tmp_path / "one", keep_state=True, **how)
     assert len(stored_records(one, "results")) > 3
     project = with_models(shared, tmp_path / "project")
