@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from mlsroad_pipeline.review.corrections.decisions import Correction, Decision
 
 CHECKED = ("right", "wrong")
-"""What a user says of a state."""
+"""Decisions of a user about a state."""
 KINDS = ("pole", "sign", "tree")
 _SAME_PLACE = 1.0  # largest move of an entry whose decision stays in force, such as by another offset, metres
 

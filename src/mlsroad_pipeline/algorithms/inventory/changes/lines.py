@@ -31,7 +31,7 @@ SHIFTS = (-0.2, -0.1, 0.0, 0.1, 0.2)
 LEAST_STEP, LEAST_CONTRAST = 0.04, 0.3
 """Least step of a kerb, metres, and least contrast of a marking in the points of its own survey."""
 SHOWN, ABSENT, UNSEEN = "shown", "absent", "unseen"
-"""What the points of the other survey say about a part of a line."""
+"""States of a part of a line by the points of the other survey."""
 
 
 class LinePart(NamedTuple):
