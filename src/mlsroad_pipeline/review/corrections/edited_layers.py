@@ -12,7 +12,9 @@ import numpy as np
 import pandas as pd
 import pyogrio
 import shapely
+from numpy.typing import ArrayLike, NDArray
 from pyproj import CRS
+from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_LAYERS
@@ -24,6 +26,7 @@ TEXT = ("status", "checked_class", "class", "kind")
 """Fields whose edits are corrections."""
 
 _MOVED = 0.01  # distance of the centre of a box from the place of its vehicle that is an edit, metres
+_FAR = 200.0  # distance of a drawn object or vertex from the inventory that is named, metres
 _SHAPEFILE = 10  # characters of a name in a Shapefile
 OBJECTS = ("objects", *LAYERS)
 """Layers of objects."""
@@ -150,6 +153,16 @@ def rows_of(frame: gpd.GeoDataFrame, layer: str, notes: list[str]) -> list[dict[
     if unread:
         notes.append(f"{len(unread)} objects of layer {layer!r} have no {_wanted(layer)} ({_first(unread)})")
     return rows
+
+
+def far_away(what: str, drawn: ArrayLike, known: NDArray[np.float64]) -> list[str]:
+    """Return a sentence about drawn places that are far from those of the inventory, such as (0, 0)."""
+    places = np.asarray(drawn, np.float64).reshape(-1, 2)
+    if not len(places) or not len(known):
+        return []
+    apart = cKDTree(known[:, :2]).query(places)[0]
+    n, x, y = int((apart > _FAR).sum()), *places[np.argmax(apart)]
+    return [f"{n} {what} lie up to {apart.max():,.0f} m from the inventory, at ({x:g}, {y:g}): check them"] if n else []
 
 
 def _wanted(layer: str) -> str:
