@@ -17,6 +17,7 @@ from pyproj import CRS
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_LAYERS
 from mlsroad_pipeline.inventory_files.crs_checks import is_other_system
 from mlsroad_pipeline.inventory_files.geopackage_views import own_views
@@ -61,14 +62,17 @@ def _read(path: Path, notes: list[str]) -> dict[str, Any]:
             base.execute("SELECT table_name FROM gpkg_contents").fetchall()  # GDAL prints errors of its own
             views = {name for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'view'")}
             own = own_views(base)  # edits in them have reached `objects`
-        names = [str(name) for name in pyogrio.list_layers(path)[:, 0]]
-        chosen = [name for name in (*OBJECTS, *LINE_LAYERS) if name in names and name not in own]
-        options = {"on_invalid": "ignore", "fid_as_index": True}
-        layers = {name: gpd.read_file(path, layer=name, **options) for name in chosen if name not in views}
-        boxes = layers.get("vehicles")
-        if "vehicles" in own:
-            boxes = gpd.read_file(path, layer="vehicles", **options)
-            layers["objects"] = _with_boxes(layers["objects"], boxes)
+        with warnings.catch_warnings(record=True) as said:  # by GDAL, for each layer again
+            warnings.simplefilter("always", RuntimeWarning)
+            names = [str(name) for name in pyogrio.list_layers(path)[:, 0]]
+            chosen = [name for name in (*OBJECTS, *LINE_LAYERS) if name in names and name not in own]
+            options = {"on_invalid": "ignore", "fid_as_index": True}
+            layers = {name: gpd.read_file(path, layer=name, **options) for name in chosen if name not in views}
+            boxes = layers.get("vehicles")
+            if "vehicles" in own:
+                boxes = gpd.read_file(path, layer="vehicles", **options)
+                layers["objects"] = _with_boxes(layers["objects"], boxes)
+        notes += dict.fromkeys(printable(warning.message) for warning in said)
         notes += _moved_boxes(boxes)
     except (sqlite3.Error, pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, ValueError) as error:
         raise ReadError(f"{path}: not a GeoPackage: {' '.join(str(error).split())}") from error
