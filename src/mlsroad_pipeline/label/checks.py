@@ -14,6 +14,7 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import shortened
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.formats.crs import crs_units
@@ -183,9 +184,9 @@ def _check_crs(crs: str | None, path: str, options: ReadOptions) -> None:
     try:
         system = CRS.from_user_input(crs)
     except CRSError as error:
-        text = crs if len(crs) <= 80 else f"{crs[:77]}..."
         raise DataError(
-            f"{path}: its coordinate reference system {text!r} is not understood; set label.crs, such as EPSG:25832"
+            f"{path}: its coordinate reference system {shortened(crs)!r} is not understood; set label.crs, such as "
+            "EPSG:25832"
         ) from error
     units = crs_units(crs)
     if options.reproject is None and units is not None and units.kind in NO_LENGTHS:

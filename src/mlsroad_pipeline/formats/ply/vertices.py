@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import shortened
 from mlsroad_pipeline.formats.files import Content, FileKey, open_content
 from mlsroad_pipeline.formats.ply.header import PlyElement, PlyHeader, read_ply_header
 from mlsroad_pipeline.formats.text.values import index_rows, typed_column
@@ -126,6 +127,6 @@ def _scalars(words: list[bytes], vertex: PlyElement, path: Path) -> list[float]:
         if at != len(words):
             raise ValueError
     except (ValueError, IndexError):
-        row = b" ".join(words)[:80].decode("utf-8", "replace")
+        row = shortened(b" ".join(words).decode("utf-8", "replace"))
         raise ReadError(f"{path} is damaged: {row!r} is not a row of its properties") from None
     return values
