@@ -1,11 +1,12 @@
-"""Scores of the kerbs, wires and markings of `label`, with the shipped model, on simulated streets and on recordings.
+"""Scores of the kerbs, wires, barriers and markings of `label`, with the shipped model, on simulated streets and on recordings.
 
     python benchmarks/line_scores.py [--only simulated semantickitti ...] [--folder FOLDER]
 
 - simulated: streets of 100 m of four kinds (town, suburb, ring_road, campus), seen by two scanners (presets `demo`, a
   sixth of the pulses of a VMX-450, and `hdl32`), seeds that nothing was chosen on. A true kerb counts if it is at least
   5 cm high and both of its sides have points in four cells of 0.1 m within 0.35 m; lower and hidden ones are uncounted.
-  A true wire reaches from its first to its last point, in space, and counts if it has 50 points and is 3 m long;
+  A true wire reaches from its first to its last point, in space, and counts if it has 50 points and is 3 m long.
+  A true wall or fence counts where eight of its voxels of 0.1 m have points within 0.35 m.
   A true marking counts where it has points of paint in three cells of 0.1 m within 0.35 m; crossings are scored along
   their middle. Other paint, such as arrows, is uncounted;
 - semantickitti, pandaset: scans of SemanticKITTI 00 and frames of PandaSet 001, each labelled alone. The reference is
@@ -22,6 +23,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import geopandas
@@ -36,13 +38,14 @@ from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.inventory.scoring.line_scores import LineScores, places_along, score_lines
+from mlsroad_pipeline.simulation.furnishing.premises import Frame
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 from mlsroad_pipeline.simulation.runtime.stream import SurveyStream
 from mlsroad_pipeline.simulation.street.line_truth import true_kerbs, true_markings
 
 FIRST_SEED, LENGTH = 931, 100
 LEAST, NEAR, CELLS = 0.05, 0.35, 4  # metres, metres, cells on either side
-PAINTED = 3  # cells within `NEAR`
+PAINTED, VOXELS = 3, 8  # cells, voxels within `NEAR`
 WITHIN = (0.1, 0.2, 0.5)
 
 
@@ -50,13 +53,14 @@ Places = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 class Case(NamedTuple):
-    """A survey, its true kerbs, wires and markings as places every 0.1 m, counted and uncounted; None: not known."""
+    """A survey, its true lines as places every 0.1 m, counted and uncounted; None: not known."""
 
     name: str
     survey: Path
     kerbs: Places | None
     wires: Places | None = None
     markings: Places | None = None
+    barriers: Places | None = None
 
 
 def seen(kerbs: NDArray[np.float64], xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -77,13 +81,8 @@ def simulated(folder: Path) -> Iterator[Case]:
     """Yield the streets, simulated where they are not there."""
     for number, (kind, scanner) in enumerate(STREETS):
         street = simulated_street(folder, kind, scanner, FIRST_SEED + number, LENGTH)
-        described = {
-            "preset": scanner,
-            "seed": FIRST_SEED + number,
-            "length": LENGTH,
-            "street": kind,
-            "with_images": False,
-        }
+        described = {"preset": scanner, "seed": FIRST_SEED + number, "length": LENGTH, "street": kind}
+        described["with_images"] = False
         stream = SurveyStream(simulation_parameters(described))
         kerbs = true_kerbs(stream.street, start=-40.0, end=LENGTH + 40.0)
         kerbs[:, :3] += stream.origin
@@ -92,7 +91,21 @@ def simulated(folder: Path) -> Iterator[Case]:
         points = laspy.read(street / "survey.laz")
         counted[high] = seen(kerbs[high], np.asarray(points.xyz))
         paint = true_paint(stream, points)
-        yield Case(street.name, street, (kerbs[counted, :2], kerbs[~counted, :2]), true_wires(points), paint)
+        lines = (kerbs[counted, :2], kerbs[~counted, :2]), true_wires(points), paint, true_barriers(stream, points)
+        yield Case(street.name, street, *lines)
+
+
+def true_barriers(stream: SurveyStream, points: laspy.LasData) -> Places:
+    """Return places along the walls and fences of a simulated street that count, and along the others."""
+    street, places = stream.street, [np.zeros((0, 2))]
+    for lot in (lot for lot in street.lots if lot.boundary in ("fence", "wall")):
+        frame, way = Frame(SimpleNamespace(street=street), lot), np.arange(lot.start + 0.05, lot.end, 0.1)
+        line = np.array([frame.place(at, 0.3) for at in way[~(np.abs(way - lot.driveway) < 1.6)]]).reshape(-1, 2)
+        places.append(street.alignment.place(*line.T)[0][:, :2] + stream.origin[:2])
+    own = np.isin(np.asarray(points["label"]), [TAXONOMY["wall"], TAXONOMY["fence"]])
+    voxels = np.unique(np.round(np.asarray(points.xyz)[own], 1), axis=0)
+    near = cKDTree(voxels[:, :2]).query_ball_point(np.concatenate(places), NEAR, return_length=True)
+    return np.concatenate(places)[near >= VOXELS], np.concatenate(places)[near < VOXELS]
 
 
 def true_paint(stream: SurveyStream, points: laspy.LasData) -> Places:
@@ -201,12 +214,13 @@ SETS = {f.__name__: f for f in (simulated, semantickitti, pandaset, pandaset_mer
 KINDS_OF = {
     "kerbs": ("kerbs",),
     "wires": ("wires",),
+    "barriers": ("barriers",),
     "markings": ("lane_lines", "stop_lines", "crossings", "other_markings"),
 }
 
 
 def listed(case: Case, folder: Path) -> dict[str, list[NDArray[np.float64]]]:
-    """Return the vertices of the kerbs, wires and markings of `label`."""
+    """Return the vertices of the lines of `label`."""
     results = folder / case.name
     mlsroad("label", case.survey, "-o", results, "--overwrite")
     return {

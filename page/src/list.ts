@@ -10,7 +10,7 @@ import { inWords } from "./notes";
 
 const LISTS: [List, string, string][] = [
   ["objects", "Objects", "Objects to look at first"],
-  ["lines", "Lines", "Kerbs, wires and markings: uncertain and long ones first"],
+  ["lines", "Lines", "Kerbs, wires, barriers and markings: uncertain and long ones first"],
   ["decided", "Decided", "Objects that were decided, the last ones first"],
   ["groups", "Places", "Points of no object to look at first: uncertain, many, unlike the places that were answered"],
   ["register", "Register", "Entries of the compared register whose state is to be checked"],
