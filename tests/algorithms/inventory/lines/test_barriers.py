@@ -80,6 +80,16 @@ def test_bushes_steps_short_pieces_and_other_classes_are_no_barriers():
     assert join_barriers([cells(*fence, label=GROUND)]).empty and join_barriers([]).empty
 
 
+def test_reflections_below_the_ground_are_no_barrier_nor_its_foot():
+    rng = np.random.default_rng(8)
+    fence, height = upright(rng, (0, 0), (10, 0), 1.5)
+    mirrored, below = upright(rng, (0, 5), (10, 5), -0.3, low=-1.8)
+    assert len(join_barriers([cells(mirrored, below)])) == 0
+    depth, deep = upright(rng, (0, 0), (10, 0), -0.3, low=-1.8)
+    (row,) = join_barriers([cells(np.vstack([fence, depth]), np.append(height, deep))]).to_dict("records")
+    assert row["least_height"] > 1.0 and vertices(row)[:, 2].min() > -0.05
+
+
 def test_without_a_known_ground_the_foot_is_the_lowest_point():
     points, _ = upright(np.random.default_rng(5), (0, 0), (10, 0), 1.5)
     found = cells(points, np.full(len(points), np.nan, np.float32))

@@ -25,6 +25,7 @@ LEAST_LENGTH = 3.0
 _CELL, _VOXEL = 0.2, 0.1  # edges in plan and of the voxels that count once, metres
 _AROUND, _FEWEST = 0.8, 4  # metres and cells of which the direction is that of a cell
 _THICK, _ASIDE, _LONG = 0.2, 0.26, 0.22  # largest deviation across, of them and of the cell; least along, metres
+_LOWEST = -0.2  # height above the ground of a point, metres: below are reflections
 _TALL = 0.25  # least height from the low to the high points around, metres
 _WIDTH = 0.25  # within which cells are of the same line, metres
 _WALL = GROUPS.index("wall")
@@ -41,7 +42,7 @@ def barrier_cells(
 ) -> pd.DataFrame:
     """Return the cells in plan of the points of walls and fences in the core of a scene."""
     is_wall = group_shares(scheme)[:, _WALL] > 0.5
-    rows = np.flatnonzero(core & np.append(is_wall, False)[labels])
+    rows = np.flatnonzero(core & np.append(is_wall, False)[labels] & ~(height < _LOWEST))
     if len(rows) == 0:
         return empty_table(dict.fromkeys(CELL_COLUMNS, "float64"))
     rows = rows[first_in_cells(xyz[rows], _VOXEL)]
