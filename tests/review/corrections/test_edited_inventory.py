@@ -24,10 +24,18 @@ def labelled(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def saved(labelled, tmp_path_factory):
+    """The inventory as QGIS saves it."""
+    path = tmp_path_factory.mktemp("saved") / "edited.gpkg"
+    save_as_tables(labelled / "inventory.gpkg", path)
+    return path
+
+
 @pytest.fixture
-def folder(labelled, tmp_path):
+def folder(labelled, saved, tmp_path):
     shutil.copytree(labelled, tmp_path / "out")
-    save_as_tables(labelled / "inventory.gpkg", tmp_path / "edited.gpkg")
+    shutil.copy(saved, tmp_path)
     return tmp_path / "out"
 
 
