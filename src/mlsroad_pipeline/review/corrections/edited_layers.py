@@ -165,7 +165,7 @@ def far_away(what: str, drawn: ArrayLike, known: NDArray[np.float64]) -> list[st
     if not len(places) or not len(known):
         return []
     apart = cKDTree(known[:, :2]).query(places)[0]
-    n, x, y = int((apart > _FAR).sum()), *places[np.argmax(apart)]
+    n, (x, y) = int((apart > _FAR).sum()), places[np.argmax(apart)]
     return [f"{n} {what} lie up to {apart.max():,.0f} m from the inventory, at ({x:g}, {y:g}): check them"] if n else []
 
 

@@ -213,7 +213,7 @@ def _fit(
             if cells[own, BRIGHTNESS] < least or not cells[own, CORE] >= _CORE_SHARE:
                 continue
             if n_near < 0:
-                n_near = gather_cells(keys[block], nx, np.int64(1), keys, starts, order, found)
+                n_near = int(gather_cells(keys[block], nx, np.int64(1), keys, starts, order, found))
                 for k in range(n_near):
                     near[0, k], near[1, k] = cells[found[k], X], cells[found[k], Y]
                     near[2, k], near[3, k] = cells[found[k], Z], cells[found[k], LEVEL]
