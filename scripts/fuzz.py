@@ -31,7 +31,7 @@ import pandas as pd
 
 import mlsroad_pipeline
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
-from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.review.page_server.served_survey import _correction
 from mlsroad_pipeline.surveys.given_classes import read_predictions

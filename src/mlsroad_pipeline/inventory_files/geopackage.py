@@ -24,8 +24,7 @@ from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.execution.run_folder import OPEN_ENDINGS
 from mlsroad_pipeline.inventory_files import qgis_styles
-from mlsroad_pipeline.inventory_files.geopackage_tables import add_metadata, add_tables, metadata_of
-from mlsroad_pipeline.inventory_files.geopackage_views import add_views
+from mlsroad_pipeline.inventory_files.geopackage_tables import add_metadata, add_tables, add_views, metadata_of
 from mlsroad_pipeline.inventory_files.road_inventory import (
     DECIDED,
     LAYERS,

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.codings import NOISE_CODES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.core.las_codes import NOISE_CODES
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import ground_classes
 from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import GROUPS, group_shares
-from mlsroad_pipeline.algorithms.inventory.objects.keys import new_keys
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
+from mlsroad_pipeline.algorithms.inventory.objects.table import new_keys
 from mlsroad_pipeline.algorithms.inventory.register.seen_space import (
     FURNITURE,
     LOW_VEGETATION,

@@ -5,9 +5,15 @@ from pathlib import Path
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.formats.files import write_atomic
-from mlsroad_pipeline.inventory_files.cross_sections import write_cross_section
+from mlsroad_pipeline.inventory_files.cross_sections import (
+    LAYERS,
+    SECTIONS,
+    SIGNS,
+    TABLE,
+    write_cross_section,
+    write_road,
+)
 from mlsroad_pipeline.inventory_files.geopackage import check_closed
-from mlsroad_pipeline.inventory_files.road_files import LAYERS, SECTIONS, SIGNS, TABLE, write_road
 from mlsroad_pipeline.label.result_files import check_folder
 from mlsroad_pipeline.label.road import MeasuredRoad
 from mlsroad_pipeline.reporting.road_page import road_page

@@ -21,8 +21,8 @@ from mlsroad_pipeline.algorithms.scenes.parts import (
     parts_beyond,
     within_distance,
 )
+from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.kitti import read_labels
-from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 
 WITHHELD = "withheld"

@@ -13,17 +13,15 @@ from numpy.typing import ArrayLike, NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_column, check_positive, check_xyz
 from mlsroad_pipeline.algorithms.features import voxel_kernels as kernels
-from mlsroad_pipeline.algorithms.features.voxel_levels import (
+from mlsroad_pipeline.algorithms.features.voxel_table import (
+    N_LEVELS,
+    VOXEL_COLUMNS,
     Cells,
+    Level,
     find_voxels,
     halve,
     sum_by_owner,
     sum_windows,
-)
-from mlsroad_pipeline.algorithms.features.voxel_table import (
-    N_LEVELS,
-    VOXEL_COLUMNS,
-    Level,
     voxel_feature_names,
     write_level,
     write_surroundings,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.formats.base import FileInfo, PointFormat, ReadOptions, WriteOptions
+from mlsroad_pipeline.formats.base import BY_CRS, FileInfo, PointFormat, ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.column_names import resolve_columns
 from mlsroad_pipeline.formats.crs import auto_note, in_metres, with_units
 from mlsroad_pipeline.formats.files import (
@@ -38,7 +38,6 @@ from mlsroad_pipeline.formats.las.header import LasHeader, read_header
 from mlsroad_pipeline.formats.las.layout import header_like, new_header, pack_records, with_room
 from mlsroad_pipeline.formats.las.records import RecordReader, layers_of
 from mlsroad_pipeline.formats.las.writer import RecordWriter
-from mlsroad_pipeline.formats.options import BY_CRS
 from mlsroad_pipeline.formats.standard_columns import COLOUR_DEPTH, COLOURS, COORDINATES, origin_near, standard_cloud
 from mlsroad_pipeline.formats.tables import parts_of
 

@@ -22,8 +22,7 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.label.alignment import moves_of_passes, offsets_of_pieces
-from mlsroad_pipeline.label.checks import check_headers, check_outputs
-from mlsroad_pipeline.label.devices import check_device
+from mlsroad_pipeline.label.checks import check_device, check_headers, check_outputs
 from mlsroad_pipeline.label.given_classes import (
     GIVEN_SCHEME,
     check_any_kept,

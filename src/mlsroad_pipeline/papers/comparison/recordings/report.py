@@ -15,8 +15,16 @@ from mlsroad_pipeline.papers.comparison.recordings import plan as stages
 from mlsroad_pipeline.papers.comparison.recordings.parameters import PROTOCOLS
 from mlsroad_pipeline.papers.comparison.recordings.results import shown_rows, study_tables
 from mlsroad_pipeline.papers.comparison.recordings.scoring import unmixed
-from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_panels, legend_below, name_axes
-from mlsroad_pipeline.papers.shared.studies.study import Shown, Stage, Study, Tables
+from mlsroad_pipeline.papers.shared.studies.study import (
+    Shown,
+    Stage,
+    Study,
+    Tables,
+    draw_bars,
+    draw_panels,
+    legend_below,
+    name_axes,
+)
 from mlsroad_pipeline.reporting.clouds.cloud_figures import cloud_figure, labelling_pictures
 from mlsroad_pipeline.reporting.clouds.view import birds_eye_view, oblique_view
 from mlsroad_pipeline.reporting.html.report import build_report, facts_section, figures_section

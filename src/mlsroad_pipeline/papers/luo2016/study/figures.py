@@ -10,9 +10,16 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.papers.luo2016.study.plan import StudyPlan
 from mlsroad_pipeline.papers.luo2016.study.runs import PRINTED, PRINTED_BASELINES, PRINTED_REFINED, REFINED
 from mlsroad_pipeline.papers.luo2016.study.scores import CLASSES, MEANS
-from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_lines, draw_panels, legend_below, name_axes
 from mlsroad_pipeline.papers.shared.studies.streets import street_key
-from mlsroad_pipeline.papers.shared.studies.study import Tables, paper_table
+from mlsroad_pipeline.papers.shared.studies.study import (
+    Tables,
+    draw_bars,
+    draw_lines,
+    draw_panels,
+    legend_below,
+    name_axes,
+    paper_table,
+)
 from mlsroad_pipeline.reporting.clouds.cloud_figures import INK, cloud_figure, labelling_pictures
 from mlsroad_pipeline.reporting.clouds.view import oblique_view
 from mlsroad_pipeline.reporting.figures import SERIES

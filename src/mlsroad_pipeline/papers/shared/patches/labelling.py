@@ -1,7 +1,7 @@
 """Labelling of points by patch classifiers (Luo et al. 2016, section III).
 
-A method provides a class with `fit`, `predict_proba`, `to_arrays` and `from_arrays` (see `types.PatchClassifier`). This
-module and `models` provide the rest.
+A method provides a class with `fit`, `predict_proba`, `to_arrays` and `from_arrays` (see `extraction.PatchClassifier`).
+This module and `models` provide the rest.
 """
 
 import logging
@@ -20,9 +20,14 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, missing_attri
 from mlsroad_pipeline.algorithms.models.machines.class_balance import majority_labels
 from mlsroad_pipeline.algorithms.scenes.corridor import CorridorArrays, corridor_from_arrays
 from mlsroad_pipeline.algorithms.stages import ground_of, inliers
-from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters, extract_patches
+from mlsroad_pipeline.papers.shared.patches.extraction import (
+    PatchClassifier,
+    PatchLabels,
+    PatchParameters,
+    ScenePatches,
+    extract_patches,
+)
 from mlsroad_pipeline.papers.shared.patches.table import Patches
-from mlsroad_pipeline.papers.shared.patches.types import PatchClassifier, PatchLabels, ScenePatches
 from mlsroad_pipeline.papers.shared.patches.voting import vote_on_points
 
 logger = logging.getLogger(__name__)

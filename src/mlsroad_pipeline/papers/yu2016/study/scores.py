@@ -9,8 +9,16 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.metrics.detection import DetectionCounts, count_detections, precision_recall_curve
-from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_curves, draw_panels, legend_below, name_axes
-from mlsroad_pipeline.papers.shared.studies.study import Tables, paired_interval, paper_table
+from mlsroad_pipeline.papers.shared.studies.study import (
+    Tables,
+    draw_bars,
+    draw_curves,
+    draw_panels,
+    legend_below,
+    name_axes,
+    paired_interval,
+    paper_table,
+)
 from mlsroad_pipeline.papers.yu2016.study.parameters import SEGMENTATIONS
 from mlsroad_pipeline.papers.yu2016.study.runs import StreetDetections
 from mlsroad_pipeline.reporting.clouds.cloud_figures import INK

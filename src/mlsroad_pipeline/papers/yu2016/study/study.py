@@ -23,9 +23,8 @@ from mlsroad_pipeline.papers.yu2016.study.parameters import (
     setting_key,
     street_key,
 )
-from mlsroad_pipeline.papers.yu2016.study.runs import SegmentationScores, StreetDetections
+from mlsroad_pipeline.papers.yu2016.study.runs import SegmentationScores, StreetDetections, make_survey
 from mlsroad_pipeline.papers.yu2016.study.scores import CAPTIONS, study_figures
-from mlsroad_pipeline.papers.yu2016.study.streets import make_survey
 
 Facts = Mapping[str, Mapping[str, NDArray]]
 """Key of a street, or ``<description>.<street>``, to the facts of `make_survey` or `describe_street`."""
