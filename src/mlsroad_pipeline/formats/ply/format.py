@@ -12,18 +12,10 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats import tables
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.files import Content, FileKey, file_key, open_content, output_file, with_packed
 from mlsroad_pipeline.formats.ply.header import NAMES, PlyElement, PlyHeader, ply_head, read_ply_header
-from mlsroad_pipeline.formats.tables import (
-    PointTable,
-    TableFormat,
-    check_record_size,
-    left_over,
-    parts_of,
-    scalar_columns,
-    truncated,
-)
 from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, TextRows, index_rows, parse_rows, typed_column
 
 SIZE_TYPES = ("i1", "u1", "i2", "u2", "i4", "u4")  # types of the number of items of a list
@@ -148,7 +140,7 @@ def _scalars(words: list[bytes], vertex: PlyElement, path: Path) -> list[float]:
 PLAIN = "".join(sorted(set(string.printable) - set("%" + string.whitespace))) + " "
 
 
-class PlyFormat(TableFormat):
+class PlyFormat(tables.TableFormat):
     """Reader and writer of PLY.
 
     Properties keep their types, but `rgb`, `intensity` and labels become those of `PointCloud`. List properties of the
@@ -160,7 +152,7 @@ class PlyFormat(TableFormat):
     extensions: tuple[str, ...] = with_packed(".ply")
     signatures: tuple[bytes, ...] = (b"ply\n", b"ply\r")
 
-    def open_table(self, path: Path, options: ReadOptions) -> PointTable:
+    def open_table(self, path: Path, options: ReadOptions) -> tables.PointTable:
         """Open a file."""
         header = read_ply_header(path)
         scalars = tuple(name for name, kind in header.vertex.properties.items() if kind is not None)
@@ -171,22 +163,22 @@ class PlyFormat(TableFormat):
 
         notes = _left_over(path, header)
         details = {"encoding": header.encoding, "elements": {e.name: e.count for e in header.elements}}
-        return PointTable(scalars, header.vertex.count, rows, header.crs, details, notes)
+        return tables.PointTable(scalars, header.vertex.count, rows, header.crs, details, notes)
 
     def write(self, path: Path, cloud: PointCloud, options: WriteOptions) -> None:
         """Write a cloud as binary little-endian PLY with coordinates in double precision.
 
         A CRS goes into a ``comment crs`` line. 64-bit integers are stored as doubles.
         """
-        kinds = {name: values.dtype.str[1:] for name, values in scalar_columns(cloud, options.metres).items()}
+        kinds = {name: values.dtype.str[1:] for name, values in tables.scalar_columns(cloud, options.metres).items()}
         types = {name: {"b1": "u1"}.get(kind, kind if kind in NAMES else "f8") for name, kind in kinds.items()}
         comments = ["crs " + quote(cloud.crs, safe=PLAIN)] if cloud.crs else []
         properties = [(name.replace(" ", "_"), kind) for name, kind in types.items()]
         with output_file(Path(path)) as stream:
             stream.write(ply_head(len(cloud), properties, comments))
-            for part in parts_of(cloud):
+            for part in tables.parts_of(cloud):
                 records = np.empty(len(part), dtype=[(name, "<" + kind) for name, kind in types.items()])
-                for name, values in scalar_columns(part, options.metres).items():
+                for name, values in tables.scalar_columns(part, options.metres).items():
                     records[name] = values
                 stream.write(records.tobytes())
 
@@ -198,10 +190,10 @@ def _left_over(path: Path, header: PlyHeader) -> tuple[str, ...]:
     file, stated = open_content(path), header.vertex.count
     if header.encoding == "ascii":
         end = vertex_rows(path, header).end if stated else header.begin
-        return left_over(stated, index_rows(path, file, end, 1).n_rows, "rows")
+        return tables.left_over(stated, index_rows(path, file, end, 1).n_rows, "rows")
     size = header.vertex.dtype(header.order).itemsize
-    check_record_size(path, header.begin, stated, size, "property")
-    return left_over(stated, file.size - header.begin - stated * size, "bytes")
+    tables.check_record_size(path, header.begin, stated, size, "property")
+    return tables.left_over(stated, file.size - header.begin - stated * size, "bytes")
 
 
 def read_vertices(
@@ -224,7 +216,7 @@ def read_vertices(
     file = open_content(path)
     have = (file.size - header.begin) // max(dtype.itemsize, 1)
     if dtype.itemsize and have < vertex.count:
-        raise truncated(path, vertex.count, have)
+        raise tables.truncated(path, vertex.count, have)
     table = file.records(dtype, header.begin, vertex.count)[start:stop]
     return {name: table[name] for name in dtype.names or ()}
 
@@ -234,7 +226,7 @@ def vertex_rows(path: Path, header: PlyHeader) -> TextRows:
     line_end = header.text[3:4] if header.text[3:5] != b"\r\n" else b"\n"
     rows = _vertex_rows(file_key(path), header.begin, header.text.count(line_end) + 1, header.vertex.count)
     if rows.n_rows < header.vertex.count:
-        raise truncated(path, header.vertex.count, rows.n_rows)
+        raise tables.truncated(path, header.vertex.count, rows.n_rows)
     return rows
 
 
