@@ -10,12 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import (
-    Answer,
-    ContinuationParameters,
-    Replay,
-    Scored,
-)
+from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import Answer, Replay, Scored
 from mlsroad_pipeline.algorithms.models.boosted_trees.corrected import (
     FLOOR,
     added_trees,
@@ -56,14 +51,7 @@ class Learner(Protocol):
     def decided(self, scores: NDArray[np.float64]) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
         """Return the class of voxels, and its probability."""
 
-    def learned(
-        self,
-        answers: Sequence[Answer],
-        survey: Scored,
-        *,
-        parameters: ContinuationParameters | None,
-        learned_from: Mapping[str, Any],
-    ) -> ModelBundle:
+    def learned(self, answers: Sequence[Answer], survey: Scored, *, learned_from: Mapping[str, Any]) -> ModelBundle:
         """Return the model with what the answers teach."""
 
 
@@ -112,18 +100,9 @@ class TreeLearner:
         """Return the class of voxels, and its probability."""
         return decide(softmax(scores), self._trees.arrays.get("groups"))
 
-    def learned(
-        self,
-        answers: Sequence[Answer],
-        survey: Scored,
-        *,
-        parameters: ContinuationParameters | None,
-        learned_from: Mapping[str, Any],
-    ) -> ModelBundle:
+    def learned(self, answers: Sequence[Answer], survey: Scored, *, learned_from: Mapping[str, Any]) -> ModelBundle:
         """Return the trees with further ones; in a pool, the pool with them."""
-        trees = continue_training(
-            self._trees, answers, survey.values, self._replay, parameters=parameters, learned_from=learned_from
-        )
+        trees = continue_training(self._trees, answers, survey.values, self._replay, learned_from=learned_from)
         return with_trees(self._bundle, trees) if self._bundle.slug == POOL else trees
 
 
@@ -150,24 +129,11 @@ class CorrectedLearner:
         """Return the class of voxels, and its probability."""
         return decide(softmax(scores), labeller_of(self._bundle).arrays.get("groups"))
 
-    def learned(
-        self,
-        answers: Sequence[Answer],
-        survey: Scored,
-        *,
-        parameters: ContinuationParameters | None,
-        learned_from: Mapping[str, Any],
-    ) -> ModelBundle:
+    def learned(self, answers: Sequence[Answer], survey: Scored, *, learned_from: Mapping[str, Any]) -> ModelBundle:
         """Return the labeller with trees that correct it."""
+        replay, size = self._replayed(), self.voxel_size
         return learn_corrections(
-            self._bundle,
-            answers,
-            survey,
-            self._replayed(),
-            trees=self._trees,
-            voxel_size=self.voxel_size,
-            parameters=parameters,
-            learned_from=learned_from,
+            self._bundle, answers, survey, replay, trees=self._trees, voxel_size=size, learned_from=learned_from
         )
 
     def _replayed(self) -> tuple[Replay, Scored]:
