@@ -32,7 +32,6 @@ from mlsroad_pipeline.formats.las.header import class_names, read_header
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
-from mlsroad_pipeline.surveys.given_classes import GivenParameters
 from mlsroad_pipeline.surveys.reading import options_in_use
 from mlsroad_pipeline.surveys.register_files import KINDS as COMPARED
 from mlsroad_pipeline.surveys.trajectory_files import in_weeks_of, read_trajectory
@@ -174,13 +173,8 @@ def meaning_of_codes(
     furniture = [any(member in _FURNITURE for member in members) for members in scheme.members]
     kind[codes[furniture]] = FURNITURE
     kind[codes[group_shares(scheme)[:, GROUPS.index("low vegetation")] > 0.5]] = LOW_VEGETATION
-    settings = output.record["settings"]
-    given = GivenParameters.from_config(settings["label"].get("given") or {})
-    kept = given.kept_legend(scheme, (settings.get("classes") or {}).get("codings") or {})
-    if kept is not None:
-        for number, own in zip(kept.numbers, kept.labels(scheme).tolist(), strict=True):
-            if own >= 0 and number < len(kind) and number not in codes:
-                is_ground[number], kind[number], label[number] = is_ground[codes[own]], kind[codes[own]], own
+    for number, own in output.kept_codes(scheme).items():
+        is_ground[number], kind[number], label[number] = is_ground[codes[own]], kind[codes[own]], own
     return is_ground, kind, label
 
 

@@ -43,7 +43,6 @@ from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.inventory_files.cross_sections import CrossSection
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, line_vertices
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
-from mlsroad_pipeline.surveys.given_classes import GivenParameters
 
 logger = logging.getLogger(__name__)
 
@@ -99,12 +98,8 @@ class _Clouds:
         labels = np.full(256, _UNKNOWN, dtype=np.uint8)
         codes = scheme.codes(output.written_scheme)
         labels[codes] = np.arange(len(scheme))
-        settings = output.record["settings"]
-        given = GivenParameters.from_config(settings["label"].get("given") or {})
-        kept = given.kept_legend(scheme, (settings.get("classes") or {}).get("codings") or {})
-        for number, label in () if kept is None else zip(kept.numbers, kept.labels(scheme).tolist(), strict=True):
-            if label >= 0 and number < len(labels) and number not in codes:
-                labels[number] = label
+        for number, label in output.kept_codes(scheme).items():
+            labels[number] = label
         return cls(output, scheme, labels)
 
     def roles(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:

@@ -4,7 +4,7 @@ import hashlib
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,32 +34,6 @@ from mlsroad_pipeline.review.corrections.object_answers import Tile
 
 GENERAL = "general"
 """Shipped trees whose thresholds, and whose training voxels, other labellers learn with."""
-
-
-class Learner(Protocol):
-    """A model that learns: ground filter and edge of the voxels of its tiles, and the training."""
-
-    ground: GroundParameters
-    voxel_size: float
-
-    def scores(self, tile: Tile) -> NDArray[np.float64]:
-        """Return the logarithms of the model's probabilities in the voxels of a tile, apart from a constant."""
-
-    def change(self, model: ModelBundle, values: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return what a model that has learned adds to the scores of voxels."""
-
-    def decided(self, scores: NDArray[np.float64]) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-        """Return the class of voxels, and its probability."""
-
-    def learned(self, answers: Sequence[Answer], survey: Scored, *, learned_from: Mapping[str, Any]) -> ModelBundle:
-        """Return the model with what the answers teach."""
-
-
-def learner_of(bundle: ModelBundle) -> Learner:
-    """Return a model as one that learns; trees continue where their training voxels are at hand."""
-    general = load_shipped(GENERAL)
-    has_replay = list(bundle.metadata["classes"]) == list(general.metadata["classes"])
-    return TreeLearner(bundle) if bundle.slug in (SLUG, POOL) and has_replay else CorrectedLearner(bundle, general)
 
 
 def _mean_scores(bundle: ModelBundle, tile: Tile) -> NDArray[np.float64]:
@@ -149,6 +123,17 @@ class CorrectedLearner:
         values = replay.values.astype(np.float32)
         arrays = self._general.arrays
         return replay, Scored(values, self._trees.scores(values) / arrays["temperature"] + arrays["offsets"])
+
+
+Learner = TreeLearner | CorrectedLearner
+"""A model that learns: ground filter and edge of the voxels of its tiles, their scores, and the training."""
+
+
+def learner_of(bundle: ModelBundle) -> Learner:
+    """Return a model as one that learns; trees continue where their training voxels are at hand."""
+    general = load_shipped(GENERAL)
+    has_replay = list(bundle.metadata["classes"]) == list(general.metadata["classes"])
+    return TreeLearner(bundle) if bundle.slug in (SLUG, POOL) and has_replay else CorrectedLearner(bundle, general)
 
 
 MODELS = "models"

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
+from mlsroad_pipeline.algorithms.core.labels import PointLabels, core_labels, unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
@@ -44,10 +44,8 @@ def label_patches(
     scene: PointCloud, patches: ScenePatches, scheme: ClassScheme, *, station: NDArray[np.float64] | None = None
 ) -> PatchLabels:
     """Assign to each patch the majority class of its labelled core points (Luo et al. 2016, section III-A)."""
-    labels = scheme.encode(scene["label"], source=scene.source)
-    core = scene.get("core")
-    owner = patches["patch_of_point"]
-    known = (labels != IGNORE) & (owner >= 0) & (True if core is None else core.astype(np.bool_))
+    labels, owner = core_labels(scene, scheme), patches["patch_of_point"]
+    known = (labels != IGNORE) & (owner >= 0)
     label = np.full(len(patches["height"]), IGNORE, np.int16)
     majority, _ = majority_labels(labels[known], owner[known], len(scheme))
     label[: len(majority)] = majority
