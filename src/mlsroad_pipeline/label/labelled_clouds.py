@@ -32,6 +32,7 @@ from mlsroad_pipeline.formats.las.header import class_names, read_header
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
+from mlsroad_pipeline.surveys.given_classes import GivenParameters
 from mlsroad_pipeline.surveys.reading import options_in_use
 from mlsroad_pipeline.surveys.register_files import KINDS as COMPARED
 from mlsroad_pipeline.surveys.trajectory_files import in_weeks_of, read_trajectory
@@ -159,6 +160,16 @@ def trajectories_of(output: LabelledOutput, inventory: RoadInventory) -> dict[Pa
     return {path: read_trajectory(path, crs=inventory.crs, factors=factors) for path in paths if path.is_file()}
 
 
+def kept_codes(output: LabelledOutput, scheme: ClassScheme) -> dict[int, int]:
+    """Return the class of each code that points of the survey kept, beside the codes of the scheme itself."""
+    settings = output.record["settings"]
+    given = GivenParameters.from_config(settings["label"].get("given") or {})
+    kept = given.kept_legend(scheme, (settings.get("classes") or {}).get("codings") or {})
+    own = set(scheme.codes(output.written_scheme).tolist())
+    pairs = () if kept is None else zip(kept.numbers, kept.labels(scheme).tolist(), strict=True)
+    return {number: label for number, label in pairs if label >= 0 and number < 256 and number not in own}
+
+
 def meaning_of_codes(
     output: LabelledOutput, scheme: ClassScheme
 ) -> tuple[NDArray[np.bool_], NDArray[np.uint8], NDArray[np.int16]]:
@@ -173,7 +184,7 @@ def meaning_of_codes(
     furniture = [any(member in _FURNITURE for member in members) for members in scheme.members]
     kind[codes[furniture]] = FURNITURE
     kind[codes[group_shares(scheme)[:, GROUPS.index("low vegetation")] > 0.5]] = LOW_VEGETATION
-    for number, own in output.kept_codes(scheme).items():
+    for number, own in kept_codes(output, scheme).items():
         is_ground[number], kind[number], label[number] = is_ground[codes[own]], kind[codes[own]], own
     return is_ground, kind, label
 

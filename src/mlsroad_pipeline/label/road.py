@@ -42,6 +42,7 @@ from mlsroad_pipeline.formats.las.header import class_names, read_header
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.inventory_files.cross_sections import CrossSection
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, line_vertices
+from mlsroad_pipeline.label.labelled_clouds import kept_codes
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 
 logger = logging.getLogger(__name__)
@@ -98,7 +99,7 @@ class _Clouds:
         labels = np.full(256, _UNKNOWN, dtype=np.uint8)
         codes = scheme.codes(output.written_scheme)
         labels[codes] = np.arange(len(scheme))
-        for number, label in output.kept_codes(scheme).items():
+        for number, label in kept_codes(output, scheme).items():
             labels[number] = label
         return cls(output, scheme, labels)
 

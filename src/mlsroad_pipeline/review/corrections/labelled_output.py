@@ -14,7 +14,6 @@ from mlsroad_pipeline.execution.run_identity import FINISHED, STATE, finished_re
 from mlsroad_pipeline.formats.base import NEW_SURVEY, ReadOptions
 from mlsroad_pipeline.formats.ply.coloured_ply import COLOURED
 from mlsroad_pipeline.inventory_files.exports import EXPORTS
-from mlsroad_pipeline.surveys.given_classes import GivenParameters
 
 _OF_POINTS = ("units", "height_units", "crs", "reproject")
 _OF_LAS = ("intensity_scale", "intensity_range", "columns", "rgb_bits")
@@ -74,15 +73,6 @@ class LabelledOutput:
         return (
             None if name == "asprs" or name not in self.schemes else ClassScheme.from_config(name, self.schemes[name])
         )
-
-    def kept_codes(self, scheme: ClassScheme) -> dict[int, int]:
-        """Return the class of each code that points of the survey kept, beside the codes of the scheme itself."""
-        settings = self.record["settings"]
-        given = GivenParameters.from_config(settings["label"].get("given") or {})
-        kept = given.kept_legend(scheme, (settings.get("classes") or {}).get("codings") or {})
-        own = set(scheme.codes(self.written_scheme).tolist())
-        pairs = () if kept is None else zip(kept.numbers, kept.labels(scheme).tolist(), strict=True)
-        return {number: label for number, label in pairs if label >= 0 and number < 256 and number not in own}
 
     def _names(self) -> list[str]:
         return [str(entry["path"]) for entry in self.record["outputs"]]
