@@ -121,8 +121,8 @@ def pytest_collection_modifyitems(items):
     marks: dict[Path, list[str]] = {Path(__file__): []}
     for item in items:
         files = _files_of(item)
-        for path in files:
-            marks.setdefault(path, _marks_of(path, place))
+        for path in files - marks.keys():
+            marks[path] = _marks_of(path, place)
         for mark in {mark for path in files for mark in marks[path]}:
             item.add_marker(mark)
     items.sort(key=lambda item: place.get(item.path, len(LONG)))

@@ -1,7 +1,9 @@
 """Set-up: uv gets the settings of pip."""
 
 import importlib.util
+import re
 
+import pytest
 from helpers.wiring import REPOSITORY
 
 
@@ -35,6 +37,15 @@ def test_without_settings_uv_uses_its_own():
     assert not {"UV_DEFAULT_INDEX", "UV_INDEX", "UV_FIND_LINKS"} & set(installer().uv_environment({}))
 
 
-def test_the_lock_pins_uv_once():
-    pins = (REPOSITORY / "requirements.lock").read_text().splitlines()
-    assert len([line for line in pins if line.startswith("uv==")]) == 1
+@pytest.mark.parametrize("name", ["requirements.lock", "requirements-label.lock"])
+def test_all_locked_packages_have_hashes(name):
+    text = (REPOSITORY / name).read_text(encoding="utf-8")
+    entries = re.findall(
+        r"^([\w.-]+)==\S+ (?:;[^\\]* )?\\\n((?:    --hash=sha256:[0-9a-f]{64}(?: \\)?\n)+)", text, re.MULTILINE
+    )
+    assert len(entries) == text.count("==") > 50 and ("uv" in dict(entries)) == (name == "requirements.lock")
+
+
+def test_the_locked_torch_is_that_of_the_project():
+    (pin,) = re.findall(r"^torch==\S+$", (REPOSITORY / "requirements-torch.lock").read_text(), re.MULTILINE)
+    assert f'"{pin}"' in (REPOSITORY / "pyproject.toml").read_text()

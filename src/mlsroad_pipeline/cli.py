@@ -4,6 +4,7 @@
 """
 
 import copy
+import os
 import re
 from difflib import get_close_matches
 from pathlib import Path
@@ -13,6 +14,8 @@ import click
 from kedro.framework.cli.project import run as kedro_run
 from omegaconf import OmegaConf
 from yaml import YAMLError
+
+from mlsroad_pipeline.config.loader import check_environment
 
 _KEDRO_PARAMS: Any = next(parameter.callback for parameter in kedro_run.params if parameter.name == "params")
 _PATH = re.compile(r"(label|inspect|score|survey)\.(survey|output|trajectory|images|inventory|truth|root)")
@@ -72,16 +75,9 @@ def _read_parameters(context: click.Context, parameter: click.Parameter, value: 
     return read
 
 
-def _environments(conf_source: str | None) -> list[str]:
-    place = Path(conf_source or "conf")
-    return sorted(path.name for path in place.iterdir() if path.is_dir()) if place.is_dir() else []
-
-
 def _check_environment(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
-    """Check that an environment has a folder of configuration."""
-    known = _environments(context.params.get("conf_source"))
-    if value and known and value not in known:
-        raise click.BadParameter(f"unknown environment {value!r} (known: {', '.join(known)})", context, parameter)
+    """Check that an environment has a folder of configuration, before a session logs a traceback."""
+    check_environment(context.params.get("conf_source") or "conf", value or os.environ.get("KEDRO_ENV"))
     return value
 
 

@@ -148,10 +148,10 @@ def test_a_confidence_that_cannot_be_kept_is_named(tmp_path):
 
 
 def test_least_scores_by_kind():
-    assert LabelParameters("in", "out").least_scores == {"pole": 0.3, "sign": 0.5, "vehicle": 0.4, "tree": 0.4}
+    assert LabelParameters("in", "out").least_scores == {"pole": 0.3, "sign": 0.4, "vehicle": 0.4, "tree": 0.4}
     assert LabelParameters("in", "out", least_score=0.2).least_scores == dict.fromkeys(LEAST_SCORES, 0.2)
     found = LabelParameters("in", "out", least_score={"pole": 0.2}).least_scores
-    assert found == {"pole": 0.2, "sign": 0.5, "vehicle": 0.4, "tree": 0.4}
+    assert found == {"pole": 0.2, "sign": 0.4, "vehicle": 0.4, "tree": 0.4}
 
 
 @pytest.mark.parametrize(

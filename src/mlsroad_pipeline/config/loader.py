@@ -8,6 +8,7 @@ from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
+import click
 import yaml
 from kedro.config import OmegaConfigLoader
 from omegaconf import OmegaConf
@@ -202,6 +203,14 @@ def with_layers(catalog: Mapping[str, Any]) -> dict[str, Any]:
     return layered
 
 
+def check_environment(conf_source: str, env: str | None) -> None:
+    """End the command with one line if an environment has no folder, of which Kedro would read nothing."""
+    place = Path(conf_source)
+    known = sorted(path.name for path in place.iterdir() if path.is_dir()) if place.is_dir() else []
+    if env and known and env not in known:
+        raise click.ClickException(f"unknown environment {env!r} (known: {', '.join(known)})")
+
+
 class ParameterConfigLoader(PlainFilesLoader):
     """Kedro's configuration loader with checked names of parameters and resolvers in catalogs.
 
@@ -209,6 +218,7 @@ class ParameterConfigLoader(PlainFilesLoader):
     """
 
     def __init__(self, conf_source: str, **options: Any) -> None:
+        check_environment(conf_source, options.get("env"))
         if not Path(conf_source, options.get("default_run_env") or "").is_dir():  # the package has no `local`
             options["default_run_env"] = options["base_env"]
         super().__init__(conf_source, **options)

@@ -94,11 +94,11 @@ def write_shapes(
     path: str | Path,
     *,
     crs: str | None,
-    described: bool = False,
+    facts: Mapping[str, Any] | None = None,
 ) -> None:
     """Write layers of a GeoPackage: by name a table, its shapely shapes and their type, such as ``Point``.
 
-    `described` adds the aliases of fields.
+    `facts` about the whole file are added with the aliases of fields.
     """
     system = None if crs is None else CRS.from_user_input(crs)
     written = [
@@ -107,8 +107,9 @@ def write_shapes(
 
     def write(place: Path) -> None:
         _write_layers(place, written)
-        if described:
+        if facts is not None:
             add_tables(place, {}, date=_FIXED_DATE)
+            add_metadata(place, facts, date=_FIXED_DATE)
 
     _write_whole(Path(path), write)
 
@@ -182,6 +183,8 @@ def _layers(inventory: road_inventory.RoadInventory, table: pd.DataFrame, crs: C
                 ]
             )
             layers.append(_layer("sections", inventory.sections, geometry=lines, kind=_LINE, crs=crs))
+    for name, (rows, shapes, shape) in inventory.road.items():
+        layers.append(_layer(name, rows, geometry=shapes, kind=shape, crs=crs))
     return layers
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline import __version__
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS, LINE_LAYERS
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS
+from mlsroad_pipeline.algorithms.inventory.road.places import PLACE_FIELDS
 from mlsroad_pipeline.algorithms.inventory.road.sight import SIGHT_FIELDS
 from mlsroad_pipeline.algorithms.inventory.road.table import ROAD_FIELDS, ROAD_LAYERS
 from mlsroad_pipeline.inventory_files.road_inventory import LAYERS, RoadInventory, is_note, note_field
@@ -41,6 +42,9 @@ CREATE TABLE layer_styles (
   useAsDefault BOOLEAN, description TEXT, owner TEXT(30), ui TEXT(30), update_time DATETIME);
 """
 
+FIELDS_OF_ROAD = {**dict.fromkeys(ROAD_LAYERS, ROAD_FIELDS), "intrusions": PLACE_FIELDS, "sight": SIGHT_FIELDS}
+"""Layer of a road to its columns; those of sections are medians of the same names, and others."""
+
 
 def add_tables(path: Path, styles: Mapping[str, str], *, date: str) -> None:
     """Add field aliases (extension Schema) and layer styles (QML, by layer) to a GeoPackage without these tables.
@@ -57,8 +61,8 @@ def add_tables(path: Path, styles: Mapping[str, str], *, date: str) -> None:
         for layer in layers:
             # The argument of a pragma cannot be bound; the layer names are constants of this package.
             names = [row[1] for row in base.execute(f'PRAGMA table_info("{layer}")')]
-            special = {**dict.fromkeys(LINE_LAYERS, LINE_FIELDS), **dict.fromkeys(ROAD_LAYERS, ROAD_FIELDS)}
-            fields = SIGHT_FIELDS if layer == "sight" else special.get(layer, FIELDS)
+            special = {**dict.fromkeys(LINE_LAYERS, LINE_FIELDS), **FIELDS_OF_ROAD}
+            fields = special.get(layer, FIELDS)
             known = {n: fields[n] if n in fields else note_field(n) for n in names if n in fields or is_note(n)}
             lists = {n: f"{layer}_{n}" for n, field in known.items() if field.values}
             rows = [(layer, n, f.alias, f.alias, f.description, lists.get(n)) for n, f in known.items()]
@@ -97,6 +101,11 @@ DESCRIPTIONS = {
     **{name: f"Lines of kind {kind}." for name, kind in LINE_LAYERS.items()},
     "trajectory": "Path of the scanner.",
     "sections": "Sections of the road, with the objects and lines in them.",
+    "road": "Measures of the road per metre of the path.",
+    "road_widths": "Lines across the carriageway from edge to edge.",
+    "road_sections": "Medians, least width and clearance per section of the road.",
+    "intrusions": "Lowest points inside the envelope, and below the least clearance.",
+    "sight": "Ways on which a sign is seen uninterrupted.",
 }
 """Layer to its description."""
 

@@ -15,6 +15,7 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import shortened
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import member
 from mlsroad_pipeline.algorithms.models.methods import METHODS
@@ -187,9 +188,9 @@ def _check_crs(crs: str | None, path: str, options: ReadOptions) -> None:
     try:
         system = CRS.from_user_input(crs)
     except CRSError as error:
-        text = crs if len(crs) <= 80 else f"{crs[:77]}..."
         raise DataError(
-            f"{path}: its coordinate reference system {text!r} is not understood; set label.crs, such as EPSG:25832"
+            f"{path}: its coordinate reference system {shortened(crs)!r} is not understood; set label.crs, such as "
+            "EPSG:25832"
         ) from error
     units = crs_units(crs)
     if options.reproject is None and units is not None and units.kind in NO_LENGTHS:

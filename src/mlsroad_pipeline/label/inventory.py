@@ -63,7 +63,7 @@ def objects_task(
     passes = {pass_key: scenes_of(pass_key, results) for pass_key in plan.passes()}
     parts: dict[str, Any] = {
         name: {pass_key: Deferred(tuple(stored[key] for key in keys)) for pass_key, keys in passes.items()}
-        for name in ("objects", "fragments", "evidence", "kerbs", "wires", "markings")
+        for name in ("objects", "fragments", "evidence", "kerbs", "wires", "barriers", "markings")
         for stored in [results.part(name)]
     }
     parts["sightings"] = Deferred(tuple(results.part("sightings").values()))

@@ -125,7 +125,7 @@ _NOT_LISTED = (*EXTENT, "scene", "method", "model_version", "footprint")
 
 _LISTED_OF_LINES = ("line_id", "kind", "score", "length", "from_station", "to_station", "offset", "status")
 LINE_NOTE = (
-    "Kerbs, wires and markings after the decisions about them, long ones first. Kerbs have no score: their steps are "
+    "Lines after the decisions about them, long ones first. Kerbs and barriers have no score: they are "
     "within limits of height and width, and no probability was learned."
 )
 MOST_PLACES = 50

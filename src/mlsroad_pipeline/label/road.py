@@ -25,6 +25,7 @@ from mlsroad_pipeline.algorithms.inventory.road.clearance import (
     lowest_points,
 )
 from mlsroad_pipeline.algorithms.inventory.road.edges import find_edges
+from mlsroad_pipeline.algorithms.inventory.road.places import CLEARANCE, road_places
 from mlsroad_pipeline.algorithms.inventory.road.sight import Standing, joined, may_hide, sight_table, standing
 from mlsroad_pipeline.algorithms.inventory.road.stations import STEP, Located, RoadPath, check_driven
 from mlsroad_pipeline.algorithms.inventory.road.surface import (
@@ -68,6 +69,7 @@ class MeasuredRoad(NamedTuple):
     across: list[CrossSection]
     crs: str | None
     sight: pd.DataFrame  # Columns of `SIGHT_FIELDS`
+    places: pd.DataFrame  # Columns of `PLACE_FIELDS`
 
 
 class _Points(NamedTuple):
@@ -169,7 +171,8 @@ def measure_road(
     road = planes.height + ground.base
     sight = sight_table(signs, path, road, joined(above.hides or [_NOTHING]), clouds.scheme.classes)
     sections = section_medians(table, _sections(inventory, found))
-    return MeasuredRoad(table, sections, path, across, inventory.crs, sight)
+    places = road_places(table, path, least_clearance=CLEARANCE if envelope is None else envelope[1])
+    return MeasuredRoad(table, sections, path, across, inventory.crs, sight, places)
 
 
 class _Above(NamedTuple):

@@ -53,7 +53,7 @@ class SurveyParameters:
         return ReadOptions.from_config({**self.read, "coding": coding})
 
 
-LEAST_SCORES = {"pole": 0.3, "sign": 0.5, "vehicle": 0.4, "tree": 0.4}
+LEAST_SCORES = {"pole": 0.3, "sign": 0.4, "vehicle": 0.4, "tree": 0.4}
 """Least score of a listed object of a kind that `label.least_score` does not name: best F on simulated streets and
 known blocks of Oakland."""
 

@@ -11,6 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import shortened
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats import tables
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
@@ -131,7 +132,7 @@ def _scalars(words: list[bytes], vertex: PlyElement, path: Path) -> list[float]:
         if at != len(words):
             raise ValueError
     except (ValueError, IndexError):
-        row = b" ".join(words)[:80].decode("utf-8", "replace")
+        row = shortened(b" ".join(words).decode("utf-8", "replace"))
         raise ReadError(f"{path} is damaged: {row!r} is not a row of its properties") from None
     return values
 

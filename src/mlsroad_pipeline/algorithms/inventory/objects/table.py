@@ -104,7 +104,7 @@ FIELDS: dict[str, Field] = {
     "model_version": Field("str", "Model", "Registered model and version of the method."),
     "footprint": Field("str", "Footprint (WKT)", "Convex hull of its points in plan, empty where that is no area."),
 }
-"""Columns of an object table in order; see docs/inventory.md."""
+"""Columns of an object table in order; see docs/inventory_fields.md."""
 
 OBJECT_FIELDS = {name: field.dtype for name, field in FIELDS.items()}
 """Columns of an object table and their types."""

@@ -99,7 +99,10 @@ def _fill_whole_voxels(superpoint: NDArray[np.integer], voxel: NDArray[np.int64]
     for i in range(len(voxel)):
         if of_voxel[voxel[i]] != superpoint[i]:
             return False
-    return len(of_voxel) == 0 or of_voxel.min() >= 0
+    lowest = 0
+    for v in range(len(of_voxel)):
+        lowest = min(lowest, of_voxel[v])
+    return lowest >= 0
 
 
 def count_labels(
