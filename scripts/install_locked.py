@@ -17,7 +17,7 @@ LOCK = "requirements.lock"
 PIP = [sys.executable, "-m", "pip"]
 QUIET = ["--quiet", "--disable-pip-version-check"]
 STEPS = (
-    ["--require-hashes", "-r", LOCK],
+    ["--no-deps", "-r", LOCK],
     ["-r", "requirements-torch.lock"],
     ["--no-deps", "--no-build-isolation", "--editable", "."],
 )
