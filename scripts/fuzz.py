@@ -36,7 +36,7 @@ import pandas as pd
 import mlsroad_pipeline
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 from mlsroad_pipeline.commands import corrections
-from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.review.delivery.files import Delivery
 from mlsroad_pipeline.review.page_server.served_survey import _correction
