@@ -19,6 +19,7 @@ from helpers.yaml_files import read_yaml
 
 from mlsroad_pipeline import cli
 from mlsroad_pipeline.commands.app import app
+from mlsroad_pipeline.config import loader
 from mlsroad_pipeline.execution.parameter_checks import check_names
 from mlsroad_pipeline.formats.las.header import class_names, read_header
 from mlsroad_pipeline.pipelines.composition import pipeline_names
@@ -54,7 +55,7 @@ def test_the_manual_gives_commands_of_both_programs():
 
 @pytest.mark.parametrize("command", [c for c in COMMANDS if c.arguments[:2] == ("kedro", "run")], ids=ids)
 def test_kedro_commands_have_known_options_pipelines_environments_and_parameters(command, base, monkeypatch):
-    monkeypatch.setattr(cli, "_environments", lambda _: [])  # those of the user are no folders here
+    monkeypatch.setattr(loader, "check_environment", lambda *_: None)  # those of the user are no folders here
     options = [option.removesuffix(",...") for option in command.arguments[2:]]
     assert not {"-p", "--pipeline", "--async"} & {option.partition("=")[0] for option in options}
     with contextlib.chdir(REPOSITORY):

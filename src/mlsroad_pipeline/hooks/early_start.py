@@ -9,6 +9,7 @@ import re
 from collections.abc import Sequence
 
 from mlsroad_pipeline.execution import fork_server
+from mlsroad_pipeline.execution.optional_imports import without
 
 _PIPELINE = re.compile(r"(?:--pipelines?[= ]|-p ?)label(?: |$)")
 _OTHER_BACKEND = re.compile(r"execution\.backend=(?!loky)")
@@ -35,13 +36,17 @@ def start_workers() -> None:
 
 def _load_libraries() -> None:
     """Load what driver and workers share, with the first kernel, which initialises Numba."""
-    from mlsroad_pipeline.execution import worker  # noqa: F401, PLC0415  # other commands need none of them
-    from mlsroad_pipeline.label.warm_up import load_first_kernel  # noqa: PLC0415
+    with without("requests", "coverage"):
+        from mlsroad_pipeline.execution import worker  # noqa: F401, PLC0415  # other commands need none of them
+        from mlsroad_pipeline.label.warm_up import load_first_kernel  # noqa: PLC0415
 
     load_first_kernel()
 
 
 def _run_stages() -> None:
-    from mlsroad_pipeline.label.warm_up import run_stages  # noqa: PLC0415  # the libraries hold it
+    from mlsroad_pipeline.label import warm_up  # noqa: PLC0415  # the libraries hold it
 
-    run_stages()
+    if warm_up.is_first_run():
+        with fork_server.beside(warm_up.run_network):
+            warm_up.run_other_stages()
+    warm_up.run_stages()

@@ -99,6 +99,14 @@ def test_new_rows_are_added_objects_and_the_export_holds_them(folder):
     assert run("export", folder, "--overwrite", "--keep-rejected")[0] == 0
 
 
+def test_an_object_drawn_at_the_origin_is_named(folder):
+    origin = {"geometry": [shapely.Point(0.0, 0.0)], "object_id": None}
+    path = edit(folder, "objects", lambda frame: with_copy(frame, **origin))
+    code, said = run("import", path, folder)
+    assert (code, "1 new corrections" in said) == (0, True)
+    assert "1 added objects lie up to 1,030 m from the inventory, at (0, 0): check them" in said
+
+
 def test_the_export_has_added_vehicles_and_the_classes_that_users_gave(folder):
     with open_corrections(folder) as store:
         store.add(Correction("add", kind="vehicle", payload={"x": 510.0, "y": 905.0, "z": 12.0}), who="a")
@@ -259,7 +267,11 @@ def test_names_cut_by_a_shapefile_are_read(folder):
 )  # fmt: skip
 def test_what_cannot_be_compared_is_named_and_counted(folder, change, note):
     code, said = run("import", edit(folder, "objects", change), folder)
-    assert (code, "0 new corrections" in said, "Not compared, or not as it stands (1):" in said) == (0, True, True)
+    assert (code, "0 new corrections" in said, "Not compared, not as it stands, or far away (1):" in said) == (
+        0,
+        True,
+        True,
+    )
     assert note in said
 
 

@@ -133,6 +133,7 @@ def _scan(
     """Write the features from ``gap_below`` on."""
     one = np.uint64(1)
     n_rows, n_columns = base.shape
+    near, far = np.int64(2), np.int64(5)  # each literal would compile a version of its own
     for s in range(len(centroids)):
         row, column = int((centroids[s, 1] - south) / size), int((centroids[s, 0] - west) / size)
         level = min(max(np.int64((centroids[s, 2] - bottom) / size) - base[row, column], 0), SLICES - 1)
@@ -158,8 +159,8 @@ def _scan(
         out[s, 1] = (over - above - 1) * size if over < SLICES else 0.0
         out[s, 2] = (above - below + 1) * size
         out[s, 3] = filled / (last - first + 1)
-        out[s, 4] = _cover(occupied, base, row, column, 2, level)
-        out[s, 5] = _cover(occupied, base, row, column, 5, level)
+        out[s, 4] = _cover(occupied, base, row, column, near, level)
+        out[s, 5] = _cover(occupied, base, row, column, far, level)
 
 
 def describe_columns(centroids: NDArray[np.float64], raster: ColumnRaster) -> NDArray[np.float32]:

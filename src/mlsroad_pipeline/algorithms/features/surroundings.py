@@ -54,7 +54,10 @@ def _sum_balls(
     begin, end = first_window(keys, q_keys[first], rows, reach)
     near_x = np.empty(1, np.float32)
     near_y, near_z = near_x, near_x
-    widest = np.float32(radii.max() ** 2)
+    largest = radii[0]
+    for r in range(1, len(radii)):
+        largest = max(largest, radii[r])
+    widest = np.float32(largest**2)
     for cell in range(first, last):
         move_window(keys, q_keys[cell], rows, reach, begin, end)
         bound = most_near(starts, begin, end)

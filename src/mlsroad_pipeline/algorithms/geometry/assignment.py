@@ -2,7 +2,6 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
@@ -41,6 +40,8 @@ def _assigned(
     row: NDArray[np.int64], column: NDArray[np.int64], distance: NDArray[np.float64], reach: float
 ) -> list[tuple[int, int]]:
     """Return the best pairs of a connected group of candidates."""
+    from scipy.optimize import linear_sum_assignment  # noqa: PLC0415  # 0.07 s, which most commands need not wait
+
     a, i = np.unique(row, return_inverse=True)
     b, j = np.unique(column, return_inverse=True)
     cost = np.zeros((len(a), len(b)))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_positive, check_xyz
-from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort
+from mlsroad_pipeline.algorithms.geometry.sorting import lower_bound, radix_argsort
 from mlsroad_pipeline.algorithms.geometry.threads import run_ranges
 
 _MAX_CELLS = 2**62
@@ -26,7 +26,8 @@ EMPTY = -1
 def bounding_box(xyz: NDArray) -> NDArray[np.float64]:
     """Return minimum and maximum coordinates, float64 (2, 3); many times faster than NumPy along axis 0."""
     box = np.empty((2, 3), np.float64)
-    box[0], box[1] = np.inf, -np.inf
+    for axis in range(3):
+        box[0, axis], box[1, axis] = np.inf, -np.inf
     for i in range(len(xyz)):
         for axis in range(3):
             value = np.float64(xyz[i, axis])
@@ -238,7 +239,7 @@ def first_window(keys: NDArray, key: int, rows: NDArray, reach: int) -> tuple[ND
     """Return empty ranges of cells, one per row, at the lower limit of the reach; `move_window` extends them."""
     begin, end = np.zeros(len(rows), np.int64), np.zeros(len(rows), np.int64)
     for j in range(len(rows)):
-        begin[j] = np.searchsorted(keys, key + rows[j, 2] - reach)
+        begin[j] = lower_bound(keys, key + rows[j, 2] - reach)
         end[j] = begin[j]
     return begin, end
 
@@ -283,8 +284,8 @@ def gather_cells(
     """
     count = 0
     for dy in range(-reach, reach + 1):
-        first = np.searchsorted(keys, key + dy * nx - reach)
-        last = np.searchsorted(keys, key + dy * nx + reach + 1)
+        first = lower_bound(keys, key + dy * nx - reach)
+        last = lower_bound(keys, key + dy * nx + reach + 1)
         for i in range(starts[first], min(starts[last], starts[first] + len(found) - count)):
             found[count] = order[i]
             count += 1

@@ -22,13 +22,15 @@ def build_capsules(xy: NDArray[np.float64]) -> NDArray[np.float64]:
     while n_leaves * _LEAF < n_segments:
         n_leaves *= 2
     capsules = np.zeros((2 * n_leaves, 6))
-    capsules[:, :2] = _NOWHERE
+    for node in range(len(capsules)):
+        capsules[node, 0] = capsules[node, 1] = _NOWHERE
     first, width = n_leaves, _LEAF
     while first > 0:
         for k in range((n_segments + width - 1) // width):
             start, stop = k * width, min((k + 1) * width, n_segments)
             row = capsules[first + k]
-            row[:2], row[2:4] = xy[start], xy[stop] - xy[start]
+            row[0], row[1] = xy[start, 0], xy[start, 1]
+            row[2], row[3] = xy[stop, 0] - xy[start, 0], xy[stop, 1] - xy[start, 1]
             squared = row[2] * row[2] + row[3] * row[3]
             row[4] = 1.0 / squared if squared > 0.0 else 0.0
             farthest = 0.0  # the distance from a chord is largest at a vertex
@@ -118,7 +120,7 @@ def locate(
         segments[i, 5], segments[i, 6] = xy[i + 1, 0], xy[i + 1, 1]
     out_station, out_offset = np.empty(n), np.empty(n)
     stack = np.empty(_STACK, np.int64)
-    s = 0
+    s = np.int64(0)  # a literal would compile a second version
     for i in range(n):
         x, y = points[i, 0], points[i, 1]
         s, t = _nearest(segments, capsules, x, y, s, stack)  # the segment of the previous point bounds the search

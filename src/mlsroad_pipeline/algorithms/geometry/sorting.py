@@ -39,6 +39,46 @@ def radix_argsort(keys: NDArray[np.int64], n_bits: int) -> tuple[NDArray[np.int6
     return sorted_keys, order
 
 
+@njit(cache=True, nogil=True)
+def sort_floats(values: NDArray[np.floating], n: int) -> None:
+    """Sort the first `n` values in place by a heap, without NaN; it compiles in a tenth of the time of NumPy's sort."""
+    for first in range(n // 2 - 1, -n, -1):
+        stop, at = n, first
+        if first < 0:  # the heap is built: the largest value goes behind it
+            stop, at = n + first, 0
+            values[0], values[stop] = values[stop], values[0]
+        own, child = values[at], 2 * at + 1
+        while child < stop:
+            if child + 1 < stop and values[child + 1] > values[child]:
+                child += 1
+            if values[child] <= own:
+                break
+            values[at] = values[child]
+            at, child = child, 2 * child + 1
+        values[at] = own
+
+
+@njit(cache=True, nogil=True)
+def median_of(values: NDArray[np.float64], n: int) -> float:
+    """Return the median of the first `n` values, which it sorts."""
+    sort_floats(values, n)
+    half = n >> 1
+    return values[half] if n & 1 else (values[half - 1] + values[half]) / 2
+
+
+@njit(cache=True, nogil=True)
+def lower_bound(ascending: NDArray, value: float) -> np.int64:
+    """Return the first row with at least a value; it compiles in a fraction of the time of `np.searchsorted`."""
+    low, high = np.int64(0), np.int64(len(ascending))
+    while low < high:
+        middle = (low + high) >> 1
+        if ascending[middle] < value:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
 def rank_integers(values: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the distinct values in ascending order, and the rank of each value.
 
@@ -157,13 +197,33 @@ def rank_floats(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @njit(cache=True, nogil=True)
+def _sort_by(values: NDArray[np.float64], members: NDArray[np.int32]) -> None:
+    """Sort indices in place by their values, as `sort_floats`."""
+    n = len(members)
+    for first in range(n // 2 - 1, -n, -1):
+        stop, at = n, first
+        if first < 0:
+            stop, at = n + first, 0
+            members[0], members[stop] = members[stop], members[0]
+        own, child = members[at], 2 * at + 1
+        while child < stop:
+            if child + 1 < stop and values[members[child + 1]] > values[members[child]]:
+                child += 1
+            if values[members[child]] <= values[own]:
+                break
+            members[at] = members[child]
+            at, child = child, 2 * child + 1
+        members[at] = own
+
+
+@njit(cache=True, nogil=True)
 def _rank_members(
     values: NDArray[np.float64], members: NDArray[np.int32], before: int, ranks: NDArray[np.float64]
 ) -> None:
     """Sort the members of an interval by their values, and write their ranks; `before` values are lower."""
     n = len(members)
     if n > _FEW_MEMBERS:
-        members[:] = members[np.argsort(values[members])]
+        _sort_by(values, members)
     for i in range(1, 0 if n > _FEW_MEMBERS else n):
         own, k = members[i], i
         while k > 0 and values[members[k - 1]] > values[own]:

@@ -62,8 +62,10 @@ def _grown(
     """Return table, bricks and marks with room for twice as many bricks."""
     n = len(marks)
     more, more_marks = np.empty((2 * n, 3), np.int32), np.zeros(2 * n, np.uint64)
-    more[:n], more_marks[:n] = bricks, marks
     table = np.full(4 * n, -1, np.int32)
     for k in range(n):
-        table[_slot(table, more, bricks[k, 0], bricks[k, 1], bricks[k, 2])] = k
+        more_marks[k] = marks[k]
+        for axis in range(3):
+            more[k, axis] = bricks[k, axis]
+        table[_slot(table, more, np.int64(more[k, 0]), np.int64(more[k, 1]), np.int64(more[k, 2]))] = k
     return table, more, more_marks

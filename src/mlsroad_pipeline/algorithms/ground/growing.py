@@ -41,8 +41,10 @@ def occupy(
 def _spread(masks: NDArray[np.uint64], around: NDArray[np.int32], block: int, padded: NDArray[np.uint64]) -> None:
     """Fill `padded` (side + 2, side + 2) with the words of a block and the border of its neighbours; OR over 3 x 3."""
     side = masks.shape[1]
-    padded[:] = 0
-    padded[1:-1, 1:-1] = masks[block]
+    for y in range(side + 2):
+        for x in range(side + 2):
+            inside = 0 < y <= side and 0 < x <= side
+            padded[y, x] = masks[block, y - 1, x - 1] if inside else np.uint64(0)
     for d in range(9):
         slot = around[block, d]
         if d == 4 or slot < 0:
@@ -94,15 +96,20 @@ def reaching(masks: NDArray[np.uint64], around: NDArray[np.int32], layer: int) -
     side = masks.shape[1]
     one = np.uint64(1)
     padded = np.empty((side + 2, side + 2), dtype=np.uint64)
-    reached = masks & ~((one << np.uint64(layer)) - one)
+    above = ~((one << np.uint64(layer)) - one)
+    reached = masks.copy()
+    flat = reached.reshape(-1)
+    for at in range(len(flat)):
+        flat[at] &= above
     for _ in range(layer):
-        before = reached.copy()
+        grows, before = False, reached.copy()
         for block in range(len(masks)):
             _spread(before, around, block, padded)
             for y in range(side):
                 for x in range(side):
                     reached[block, y, x] |= masks[block, y, x] & (padded[y + 1, x + 1] >> one)
-        if (before == reached).all():
+                    grows |= reached[block, y, x] != before[block, y, x]
+        if not grows:
             break
     return reached
 

@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.geometry.cells import build_table
+from mlsroad_pipeline.algorithms.geometry.sorting import sort_floats
 from mlsroad_pipeline.algorithms.ground.blocks import BlockGrid, neighbour_slots
 
 SUPPORT = 0.3
@@ -32,9 +33,8 @@ def _cell(values: NDArray[np.float32], around: NDArray[np.int32], block: int, i:
 
 
 @njit(cache=True)
-def _lowest_supported(ordered: NDArray[np.float32], share: float) -> float:
-    """Return the lowest of ascending heights with a fraction `share` of all within `SUPPORT` above it, inclusive."""
-    n = len(ordered)
+def _lowest_supported(ordered: NDArray[np.float32], n: int, share: float) -> float:
+    """Return the lowest of `n` ascending heights with a fraction `share` of all up to `SUPPORT` above it."""
     needed = max(share * n, np.float64(min(n, 2)))
     high = 0
     for k in range(n):
@@ -64,7 +64,8 @@ def cell_lows(
                             n += 1
                 if n == 0:
                     continue
-                lows[rows[block], i, j] = _lowest_supported(np.sort(heights[:n]), share)
+                sort_floats(heights, n)
+                lows[rows[block], i, j] = _lowest_supported(heights, n, share)
     return lows
 
 
@@ -106,7 +107,11 @@ def patch_sizes(lows: NDArray[np.float32], around: NDArray[np.int32], slope: flo
 def slope_envelope(lows: NDArray[np.float32], around: NDArray[np.int32], straight: float) -> NDArray[np.float32]:
     """Return the highest surface below all minima with a slope of at most `straight` per cell; inf if unreached."""
     side = lows.shape[1]
-    envelope = np.where(np.isnan(lows), np.float32(np.inf), lows)
+    envelope = lows.copy()
+    flat = envelope.reshape(-1)
+    for at in range(len(flat)):
+        if np.isnan(flat[at]):
+            flat[at] = np.inf
     changed = True
     forward = True
     while changed:
@@ -137,7 +142,11 @@ def grow_along_slope(
     only the previous round, so that the order of the cells does not matter.
     """
     side = lows.shape[1]
-    ground = np.where(accepted, lows, np.float32(np.nan))
+    ground = lows.copy()
+    for at in range(lows.size):
+        block, i, j = at // (side * side), at // side % side, at % side
+        if not accepted[block, i, j]:
+            ground[block, i, j] = np.nan
     changed = True
     while changed:
         changed = False

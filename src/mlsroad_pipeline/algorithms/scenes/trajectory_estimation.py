@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize_scalar
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
@@ -127,6 +126,8 @@ def _rate(points: NDArray[np.float64], time: NDArray[np.float64], windows: list[
 
 
 def _refined(points: NDArray, time: NDArray, middles: NDArray[np.float64], rate: float) -> float:
+    from scipy.optimize import minimize_scalar  # noqa: PLC0415  # 0.07 s, which surveys with a trajectory need not wait
+
     def misfit(trial: float) -> float:
         spreads = [_window_fit(points, time, middle, trial, rate) for middle in middles]
         return float(np.median([fit.spread if fit is not None else np.pi for fit in spreads]))

@@ -135,7 +135,10 @@ def number_objects(parts: NDArray[np.integer], min_points: int) -> NDArray[np.in
 
 @njit(cache=True, nogil=True)
 def _numbered(parts: NDArray[np.integer], min_points: int) -> NDArray[np.int32]:
-    counts = np.zeros(parts.max() + 1, np.int64)
+    n_parts = 0
+    for part in parts:
+        n_parts = max(n_parts, part + 1)
+    counts = np.zeros(n_parts, np.int64)
     for part in parts:
         counts[part] += 1
     number = np.full(len(counts), -1, np.int32)

@@ -126,7 +126,8 @@ def update_models(
             updated[s, j] += features[v, j]
     for s in range(len(models)):
         if counts[s] == 0:
-            updated[s] = models[s]
+            for j in range(features.shape[1]):
+                updated[s, j] = models[s, j]
             continue
         n = 1.0 / counts[s]
         length = np.sqrt(updated[s, 3] ** 2 + updated[s, 4] ** 2 + updated[s, 5] ** 2)

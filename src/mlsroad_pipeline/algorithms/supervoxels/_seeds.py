@@ -21,11 +21,14 @@ def first_in_octree(coords: NDArray[np.int32]) -> int:
     """Return the first voxel of a depth-first traversal of the octree around the centre of the cloud."""
     half = np.empty(3, np.int64)
     for axis in range(3):
-        half[axis] = (coords[:, axis].max() + 1) // 2
+        highest = np.int64(coords[0, axis])
+        for v in range(1, len(coords)):
+            highest = max(highest, np.int64(coords[v, axis]))
+        half[axis] = (highest + 1) // 2
     offset = 1 << 24
     best = 0
     for v in range(1, len(coords)):
-        deciding, highest = 0, 0
+        deciding, highest = 0, np.int64(0)
         for axis in range(3):  # the axis of the highest differing bit decides; x before y and z
             differing = (coords[v, axis] - half[axis] + offset) ^ (coords[best, axis] - half[axis] + offset)
             if _highest_bit_below(highest, differing):
@@ -88,7 +91,8 @@ def nearest_to_cell_centres(
     slots = np.full(size, EMPTY, np.int64)
     nearest = np.empty(size, np.int32)
     distance = np.empty(size, np.float64)
-    v, n_cells = _scan_cells(features, anchor, seed_size, 0, slots, nearest, distance, 0)
+    v = n_cells = np.int64(0)  # literals would compile a second version
+    v, n_cells = _scan_cells(features, anchor, seed_size, v, slots, nearest, distance, n_cells)
     while v < len(features):
         old_slots, old_nearest, old_distance = slots, nearest, distance
         size *= 2
@@ -203,4 +207,10 @@ def drop_slivers(
                     inner = False
                     break
         alive[s] = inner or size > largest
-    return seeds[alive]
+    n = 0
+    kept = np.empty(len(seeds), np.int32)
+    for s in range(len(seeds)):
+        if alive[s]:
+            kept[n] = seeds[s]
+            n += 1
+    return kept[:n]

@@ -37,9 +37,7 @@ KINDS = {
 }
 
 
-@given(
-    kind=st.sampled_from(sorted(KINDS)), n=st.integers(5, 500), seed=st.integers(0, 2**32 - 1), copies=st.booleans()
-)
+@given(kind=st.sampled_from(sorted(KINDS)), n=st.integers(5, 500), seed=st.integers(0, 2**32 - 1), copies=st.booleans())
 @settings(max_examples=60, deadline=None)
 def test_vertices_are_those_of_qhull(kind, n, seed, copies):
     rng = np.random.default_rng(seed)

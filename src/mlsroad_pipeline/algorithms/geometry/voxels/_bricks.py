@@ -89,7 +89,7 @@ def assign_bricks(
     capacity = 4096
     keys = np.empty(capacity, np.int64)
     bitmaps = np.zeros((capacity, 8), np.uint64)
-    n_bricks = 0
+    n_bricks = np.int64(0)  # a literal would compile a second version
     i = start
     while True:
         slots = np.full(2 * capacity, EMPTY, np.int64)
@@ -104,10 +104,11 @@ def assign_bricks(
         if i == stop:
             return keys[:n_bricks], bitmaps[:n_bricks]
         capacity *= 2
-        more_keys = np.empty(capacity, np.int64)
-        more_keys[:n_bricks] = keys
-        more_bitmaps = np.zeros((capacity, 8), np.uint64)
-        more_bitmaps[:n_bricks] = bitmaps
+        more_keys, more_bitmaps = np.empty(capacity, np.int64), np.zeros((capacity, 8), np.uint64)
+        for b in range(n_bricks):
+            more_keys[b] = keys[b]
+            for w in range(8):
+                more_bitmaps[b, w] = bitmaps[b, w]
         keys, bitmaps = more_keys, more_bitmaps
 
 

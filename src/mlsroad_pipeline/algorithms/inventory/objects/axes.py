@@ -6,6 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.geometry.sorting import median_of
+
 _CIRCLE_TRIALS = 200
 _CIRCLE_POINTS = 250  # maximum number of points in the search
 _RADIUS = (0.025, 0.75)  # of shafts and trunks, metres
@@ -81,7 +83,7 @@ def _best_circle(few: NDArray[np.float64], reach: float, band: float) -> NDArray
         on, near = _score(few, x, y, radius, band)
         if on - 0.5 * (near - on) > best:
             best = on - 0.5 * (near - on)
-            best_circle[:] = x, y, radius
+            best_circle[0], best_circle[1], best_circle[2] = x, y, radius
     return best_circle if best >= 0 else np.zeros(3)
 
 
@@ -101,12 +103,16 @@ def _refine_circle(xy: NDArray[np.float64], circle: NDArray[np.float64], band: f
             nxx, nxy, nyy, nx, ny = nxx + dx * dx, nxy + dx * dy, nyy + dy * dy, nx + dx, ny + dy
             rx, ry, r = rx + dx * residual, ry + dy * residual, r + residual
             square, count = square + residual * residual, count + 1
-        normal = np.array([[nxx, nxy, nx], [nxy, nyy, ny], [nx, ny, count]])
-        if abs(np.linalg.det(normal)) < 1e-9:
+        # The inverse of the normal equations by cofactors; they are symmetric.
+        cxx, cxy, cyy = nyy * count - ny * ny, nx * ny - nxy * count, nxx * count - nx * nx
+        cx, cy, c = nxy * ny - nyy * nx, nxy * nx - nxx * ny, nxx * nyy - nxy * nxy
+        determinant = nxx * cxx + nxy * cxy + nx * cx
+        if abs(determinant) < 1e-9:
             return -1.0
-        inverse = np.linalg.inv(normal)
-        circle[:] += inverse @ np.array([rx, ry, r])
-        error = np.sqrt(max(square, 1e-6 * count) / max(count - 3.0, 1.0) * inverse[2, 2])
+        circle[0] += (cxx * rx + cxy * ry + cx * r) / determinant
+        circle[1] += (cxy * rx + cyy * ry + cy * r) / determinant
+        circle[2] += (cx * rx + cy * ry + c * r) / determinant
+        error = np.sqrt(max(square, 1e-6 * count) / max(count - 3.0, 1.0) * c / determinant)
     return error
 
 
@@ -127,8 +133,11 @@ def _circle(xy: NDArray[np.float64], few: NDArray[np.float64], reach: float, ban
         dx, dy = xy[i, 0] - x, xy[i, 1] - y
         if abs(np.hypot(dx, dy) - radius) <= band:
             sectors[int((np.arctan2(dy, dx) + np.pi) / (2 * np.pi) * _SECTORS) % _SECTORS] = True
-    result[:3] = circle
-    result[3], result[4], result[5], result[6] = on, sectors.sum(), on / max(near, 1), error
+    occupied = 0
+    for sector in range(_SECTORS):
+        occupied += sectors[sector]
+    result[0], result[1], result[2], result[3] = x, y, radius, on
+    result[4], result[5], result[6] = occupied, on / max(near, 1), error
     return result
 
 
@@ -191,20 +200,21 @@ def _medians(xyz: NDArray[np.float64], line: NDArray[np.float64], reach: float) 
     """Return the median points of slices, from points within reach of a line (x0, y0, dx, dy); z ascending."""
     low = xyz[0, 2]
     result = np.empty((int((xyz[-1, 2] - low) / _SLICE) + 1, 3))
-    chosen = np.empty((len(xyz), 3))
+    chosen = np.empty((3, len(xyz)))
     count, slices, current = 0, 0, 0
     for i in range(len(xyz) + 1):
         number = int((xyz[i, 2] - low) / _SLICE) if i < len(xyz) else -1
         if number != current:
             if count:
                 for axis in range(3):
-                    result[slices, axis] = np.median(chosen[:count, axis])
+                    result[slices, axis] = median_of(chosen[axis], count)
                 slices += 1
             count, current = 0, number
         if i < len(xyz):
             x, y = line[0] + line[2] * xyz[i, 2], line[1] + line[3] * xyz[i, 2]
             if np.hypot(xyz[i, 0] - x, xyz[i, 1] - y) <= reach:
-                chosen[count] = xyz[i]
+                for axis in range(3):
+                    chosen[axis, count] = xyz[i, axis]
                 count += 1
     return result[:slices]
 
@@ -237,25 +247,34 @@ def _best_pair(medians: NDArray[np.float64]) -> NDArray[np.float64]:
                 total += max(0.0, 1.0 - square / _BAND**2)
             if total > most:
                 most = total
-                best[:] = x, y, dx, dy
+                best[0], best[1], best[2], best[3] = x, y, dx, dy
     return best
 
 
 @njit(cache=True)
 def _weighted_line(medians: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return x0, y0, dx, dy and the standard error of dx and dy."""
-    total = weight.sum()
-    middle = np.zeros(3)
+    total, middle = 0.0, np.zeros(3)
+    for i in range(len(weight)):
+        total += weight[i]
+        for axis in range(3):
+            middle[axis] += weight[i] * medians[i, axis]
     for axis in range(3):
-        middle[axis] = (weight * medians[:, axis]).sum() / total
-    z = medians[:, 2] - middle[2]
-    spread = (weight * z * z).sum()
+        middle[axis] /= total
+    spread, products = 0.0, np.zeros(2)
+    for i in range(len(weight)):
+        z = medians[i, 2] - middle[2]
+        spread += weight[i] * z * z
+        for axis in range(2):
+            products[axis] += weight[i] * z * (medians[i, axis] - middle[axis])
     result = np.zeros(5)
     for axis in range(2):
-        slope = (weight * z * (medians[:, axis] - middle[axis])).sum() / spread
+        slope = products[axis] / spread
         result[axis], result[2 + axis] = middle[axis] - slope * middle[2], slope
-    away = _passing(medians, result)
-    result[4] = np.sqrt((weight * away * away).sum() / 2 / max(total - 2.0, 1.0) / spread)
+    away, squares = _passing(medians, result), 0.0
+    for i in range(len(weight)):
+        squares += weight[i] * away[i] * away[i]
+    result[4] = np.sqrt(squares / 2 / max(total - 2.0, 1.0) / spread)
     return result
 
 
@@ -270,17 +289,26 @@ def _fit_line(xyz: NDArray[np.float64]) -> NDArray[np.float64]:
     medians = _medians(xyz, _best_pair(whole), _SHAFT)
     line = _best_pair(medians)
     away = _passing(medians, line)
-    chosen = medians[away <= _BAND]
-    result[6] = len(chosen)
-    if len(chosen) < 3:
+    chosen, n = np.empty((len(medians), 3)), 0
+    for i in range(len(medians)):
+        if away[i] <= _BAND:
+            for axis in range(3):
+                chosen[n, axis] = medians[i, axis]
+            n += 1
+    result[6] = n
+    if n < 3:
         return result
-    weight = np.ones(len(chosen))
+    chosen, weight = chosen[:n], np.ones(n)
     for _ in range(5):
         fitted = _weighted_line(chosen, weight)
+        for k in range(5):
+            result[k] = fitted[k]
         away = _passing(chosen, fitted)
-        scale = _TUKEY * max(1.4826 * np.median(away), _LEAST_SPREAD)
-        weight = np.maximum(1.0 - (away / scale) ** 2, 0.0) ** 2
-        if (weight > 0).sum() < 3:
+        scale = _TUKEY * max(1.4826 * median_of(away.copy(), n), _LEAST_SPREAD)
+        n_weights = 0
+        for i in range(n):
+            weight[i] = max(1.0 - (away[i] / scale) ** 2, 0.0) ** 2
+            n_weights += weight[i] > 0
+        if n_weights < 3:
             break
-    result[:5] = fitted
     return result

@@ -56,7 +56,8 @@ def _outside(xy: NDArray[np.float64]) -> NDArray[np.bool_]:
             ex[n_sides], ey[n_sides] = xy[b, 0] - xy[a, 0], xy[b, 1] - xy[a, 1]
             n_sides += 1
     result = np.zeros(len(xy), np.bool_)
-    result[corner] = True
+    for way in range(8):
+        result[corner[way]] = True
     for i in range(len(xy)):
         for side in range(n_sides):
             if ex[side] * (xy[i, 1] - ay[side]) - ey[side] * (xy[i, 0] - ax[side]) <= 0:
@@ -81,7 +82,7 @@ def _hull(xy: NDArray[np.float64]) -> NDArray[np.float64]:
                     break
                 size -= 1
             if size == first or p[0] != hull[size - 1, 0] or p[1] != hull[size - 1, 1]:
-                hull[size] = p
+                hull[size, 0], hull[size, 1] = p[0], p[1]
                 size += 1
         if size > first + 1 or half == 1:
             size -= 1  # the last corner is the first of the other chain

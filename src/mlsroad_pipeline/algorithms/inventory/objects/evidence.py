@@ -97,19 +97,24 @@ def _cells_around(
     """
     edge = REACH + 1e-3
     box = bounding_box(centre[objects])
-    low = box[0] - 1.5 * edge  # objects lie in blocks 1 and above
+    low, least, most = np.empty(3), np.empty(3), np.empty(3)
+    for axis in range(3):
+        low[axis] = box[0, axis] - 1.5 * edge  # objects lie in blocks 1 and above
+        least[axis], most[axis] = box[0, axis] - REACH, box[1, axis] + REACH
     nx, ny = int((box[1, 0] - low[0]) / edge) + 2, int((box[1, 1] - low[1]) / edge) + 2
     nz = int((box[1, 2] - low[2]) / edge) + 2
     filtered = float(nx) * float(ny) * float(nz) <= _MOST_BLOCKS
     near = np.zeros((nx, ny, nz) if filtered else (0, 0, 0), np.bool_)
-    free = core_share > 0.0
+    free = np.empty(len(core_share), np.bool_)
+    for cell in range(len(core_share)):
+        free[cell] = core_share[cell] > 0.0
     for own in objects:
         free[own] = False
         if filtered:
             i, j = int((centre[own, 0] - low[0]) / edge), int((centre[own, 1] - low[1]) / edge)
             k = int((centre[own, 2] - low[2]) / edge)
-            near[i - 1 : i + 2, j - 1 : j + 2, k - 1 : k + 2] = True
-    least, most = box[0] - REACH, box[1] + REACH
+            for a in range(27):
+                near[i + a // 9 - 1, j + a // 3 % 3 - 1, k + a % 3 - 1] = True
     found, n = np.empty(len(centre), np.int64), 0
     for cell in range(len(centre)):
         x, y, z = centre[cell, 0], centre[cell, 1], centre[cell, 2]

@@ -79,12 +79,14 @@ def fit_panel(xyz: NDArray[np.float64]) -> Panel | None:
 @njit(cache=True)
 def _plane(xyz: NDArray[np.float64], weight: NDArray[np.float64], turns: NDArray[np.float64]) -> tuple[float, float]:
     """Return direction and offset of the vertical plane with the largest weight within three bins."""
-    best, turn, offset = -1.0, 0.0, 0.0
+    best, turn, offset, along = -1.0, 0.0, 0.0, np.empty(len(xyz))
     for t in turns:
         c, s = np.cos(t), np.sin(t)
-        along = xyz[:, 0] * c + xyz[:, 1] * s
-        low = along.min()
-        bins = np.zeros(int((along.max() - low) / _BIN) + 3)
+        low, high = np.inf, -np.inf
+        for i in range(len(along)):
+            along[i] = xyz[i, 0] * c + xyz[i, 1] * s
+            low, high = min(low, along[i]), max(high, along[i])
+        bins = np.zeros(int((high - low) / _BIN) + 3)
         for i in range(len(along)):
             bins[int((along[i] - low) / _BIN) + 1] += weight[i]
         for b in range(1, len(bins) - 1):

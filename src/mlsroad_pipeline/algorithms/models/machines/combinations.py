@@ -4,6 +4,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.geometry.sorting import lower_bound, sort_floats
+
 
 def decide(
     probabilities: NDArray[np.float64], groups: NDArray[np.integer] | None = None
@@ -91,19 +93,20 @@ def rank_pairs(
             grouped[at[first[i]]] = second[i]
             at[first[i]] += 1
     first_of, second_of = np.empty(len(grouped), np.int32), np.empty(len(grouped), np.int32)
-    n_pairs = 0
+    n_pairs = np.int64(0)
     for k in range(n_first):  # `at` becomes the first pair of each group
         at[k] = n_pairs
         own = grouped[starts[k] : starts[k + 1]]
         if len(own) > _FEW_PAIRS:
-            own.sort()
+            sort_floats(own, len(own))
         for j in range(len(own)):
             n_pairs += _insert(second_of, at[k], n_pairs, own[j])
-        first_of[at[k] : n_pairs] = k
+        for j in range(at[k], n_pairs):
+            first_of[j] = k
     ranks = np.full(n, -1, np.int32)
     for i in range(n):
         k = first[i]
         if k >= 0 and second[i] >= 0:
             stop = at[k + 1] if k + 1 < n_first else n_pairs
-            ranks[i] = at[k] + np.searchsorted(second_of[at[k] : stop], second[i])
+            ranks[i] = at[k] + lower_bound(second_of[at[k] : stop], second[i])
     return first_of[:n_pairs].copy(), second_of[:n_pairs].copy(), ranks

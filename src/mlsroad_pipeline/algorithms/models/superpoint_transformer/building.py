@@ -5,6 +5,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.core.labels import core_labels
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_results import Ground, SupervoxelPartition, SupervoxelTable
 from mlsroad_pipeline.algorithms.features.supervoxel_moments import COLOUR_FEATURES, INTENSITY_FEATURES
@@ -98,7 +99,10 @@ def _fill_whole_voxels(superpoint: NDArray[np.integer], voxel: NDArray[np.int64]
     for i in range(len(voxel)):
         if of_voxel[voxel[i]] != superpoint[i]:
             return False
-    return len(of_voxel) == 0 or of_voxel.min() >= 0
+    lowest = 0
+    for v in range(len(of_voxel)):
+        lowest = min(lowest, of_voxel[v])
+    return lowest >= 0
 
 
 def count_labels(
@@ -106,10 +110,7 @@ def count_labels(
 ) -> SuperpointGraph:
     """Return the graph with the label histograms of the core points of a training scene."""
     keep = inliers(scene)
-    labels = scheme.encode(scene["label"], source=scene.source)
-    core = scene.get("core")
-    if core is not None:
-        labels = np.where(core, labels, np.int16(IGNORE))
+    labels = core_labels(scene, scheme)
     known = keep & (labels != IGNORE)
     n, n_classes = len(graph.levels[0]), len(scheme)
     cells = supervoxels["labels"][known].astype(np.int64) * n_classes + labels[known]

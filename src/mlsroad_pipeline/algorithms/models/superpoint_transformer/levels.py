@@ -111,10 +111,12 @@ def sum_products(
                 products[o, a, b] += offset[a] * offset[b]
         squared = offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2]
         radius[o] = max(radius[o], squared)
-    for a in range(3):
-        for b in range(a):
-            products[:, b, a] = products[:, a, b]
-    return products, np.sqrt(radius)
+    for o in range(len(radius)):
+        radius[o] = np.sqrt(radius[o])
+        for a in range(3):
+            for b in range(a):
+                products[o, b, a] = products[o, a, b]
+    return products, radius
 
 
 @njit(cache=True, nogil=True)

@@ -51,7 +51,8 @@ def _lowest(xyz: NDArray, order: NDArray, starts: NDArray) -> NDArray[np.float64
                 count += 1
                 for axis in range(3):
                     means[cell, axis] += xyz[order[i], axis]
-        means[cell] /= count
+        for axis in range(3):
+            means[cell, axis] /= count
     return means
 
 
@@ -141,26 +142,30 @@ def _solve(normal: NDArray, solution: NDArray) -> float:
 @njit(cache=True, nogil=True)
 def _is_supported(strip: NDArray, n: int, shift: float) -> bool:
     """Return whether enough cells lie on either side of an edge, not all at one place along it."""
-    count = np.zeros(2, np.int64)
-    first, last = np.full(2, 9.0), np.full(2, -9.0)
+    n_low = n_high = 0
+    first_low = first_high = 9.0
+    last_low = last_high = -9.0
     for i in range(n):
         u, v = strip[0, i] - shift, strip[1, i]
-        if abs(u) >= _GAP:
-            side = 1 if u > 0 else 0
-            count[side] += 1
-            first[side], last[side] = min(first[side], v), max(last[side], v)
-    return count.min() >= _LEAST and (last - first).min() >= 0.25
+        if u >= _GAP:
+            n_high, first_high, last_high = n_high + 1, min(first_high, v), max(last_high, v)
+        elif u <= -_GAP:
+            n_low, first_low, last_low = n_low + 1, min(first_low, v), max(last_low, v)
+    return min(n_low, n_high) >= _LEAST and min(last_low - first_low, last_high - first_high) >= 0.25
 
 
 @njit(cache=True, nogil=True)
-def _one_fit(strip: NDArray, n: int, shift: float, robust: bool, normal: NDArray, solution: NDArray) -> float:
-    """Fit the step along one direction; return the root mean square residual, infinite where it is not supported."""
+def _one_fit(strip: NDArray, n: int, shift: float, robust: float, normal: NDArray, solution: NDArray) -> float:
+    """Fit the step along one direction; return the root mean square residual, infinite where it is not supported.
+
+    Outliers are removed with a positive `robust`, which is no boolean: each literal would compile a version of its own.
+    """
     if not _is_supported(strip, n, shift):
         return np.inf
     low, high = _sums(strip, n, shift, solution, 0.0, normal)
     total = low + high
     rest = _solve(normal, solution)
-    if not robust:
+    if robust == 0.0:
         return np.sqrt(rest / total)
     for bound in _OUTLIER:
         low, high = _sums(strip, n, shift, solution, bound, normal)
@@ -183,7 +188,8 @@ def _steepest(local: NDArray, count: int) -> tuple[float, float]:
                 m[k] += value
     if m[0] < 5:
         return 0.0, 0.0
-    m[1:] /= m[0]
+    for k in range(1, 9):
+        m[k] /= m[0]
     xx, yy, xy = m[4] - m[1] * m[1] + 1e-4, m[5] - m[2] * m[2] + 1e-4, m[6] - m[1] * m[2]
     xz, yz = m[7] - m[1] * m[3], m[8] - m[2] * m[3]
     det = xx * yy - xy * xy
@@ -200,14 +206,14 @@ def _best(local: NDArray, count: int, least: float, strip: NDArray, row: NDArray
     normal, solution = np.zeros((5, 5)), np.zeros(4)
     n = _strip(local, count, np.cos(base), np.sin(base), strip)
     # Most cells end here: without outliers removed, a step is a little lower.
-    if _one_fit(strip, n, 0.0, False, normal, solution) == np.inf or solution[3] < 0.5 * least:
+    if _one_fit(strip, n, 0.0, 0.0, normal, solution) == np.inf or solution[3] < 0.5 * least:
         return
     best, shifted = np.inf, 0.0
     for turn in _TURNS:
         c, s = np.cos(base + turn), np.sin(base + turn)
         n = _strip(local, count, c, s, strip)
         for shift in (0.0, -_SHIFT, _SHIFT):
-            rough = _one_fit(strip, n, shift, True, normal, solution)
+            rough = _one_fit(strip, n, shift, 1.0, normal, solution)
             if rough < best:
                 best, shifted = rough, shift
                 row[0], row[1], row[2], row[3], row[4] = solution[3], c, s, rough, shift
@@ -233,12 +239,14 @@ def _placed(
                 costs[b, 0] += 1.0
                 costs[b, 1] += min(z, row[0]) ** 2
                 costs[b, 2] += max(0.5 * row[0] - z, 0.0) ** 2
-    total = costs.sum(axis=0)
-    n, cost = 0.0, total[2]
+    total, cost = 0.0, 0.0
+    for b in range(_BINS):
+        total, cost = total + costs[b, 0], cost + costs[b, 2]
+    n = 0.0
     best, place = np.inf, 0.0
     for b in range(_BINS - 1):
         n, cost = n + costs[b, 0], cost + costs[b, 1] - costs[b, 2]
-        if n >= 3 and total[0] - n >= 3 and cost < best - 1e-12:
+        if n >= 3 and total - n >= 3 and cost < best - 1e-12:
             best, place = cost, (b + 1.0) / _BINS * 2 * _FINE - _FINE
     return place
 
@@ -284,7 +292,7 @@ def fit_steps(
     around, local, strip = np.empty((3, MOST_CELLS)), np.empty((3, MOST_CELLS)), np.empty((3, MOST_CELLS))
     close = np.empty((3, MOST_CELLS))
     for block in range(len(keys)):
-        n_found = gather_cells(keys[block], nx, 2, keys, starts, order, found)
+        n_found = gather_cells(keys[block], nx, np.int64(2), keys, starts, order, found)
         for axis in range(3):
             for k in range(n_found):
                 around[axis, k] = cells[found[k], axis]
@@ -295,7 +303,7 @@ def fit_steps(
                 continue
             if not _rise(close, n_close, cells[own, 0], cells[own, 1], cells[own, 2]) >= least:
                 continue
-            count = 0
+            count = np.int64(0)  # a literal would compile a second version of three kernels
             for k in range(n_found):
                 x, y, z = around[0, k] - cells[own, 0], around[1, k] - cells[own, 1], around[2, k] - cells[own, 2]
                 if x * x + y * y < REACH * REACH and abs(z) < _RISE:

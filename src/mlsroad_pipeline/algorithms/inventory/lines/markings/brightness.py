@@ -9,7 +9,7 @@ from scipy.sparse import coo_array
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.geometry.cells import CellGrid, build_cell_grids
-from mlsroad_pipeline.algorithms.geometry.sorting import rank_integers
+from mlsroad_pipeline.algorithms.geometry.sorting import lower_bound, median_of, rank_integers
 from mlsroad_pipeline.algorithms.inventory.objects.sightings import ROUTE, SCANNER, SECOND, SOURCE, time_passes
 
 FILE = "file"
@@ -143,7 +143,8 @@ def _cell_means(points: NDArray, order: NDArray, starts: NDArray) -> NDArray[np.
         for i in range(starts[cell], starts[cell + 1]):
             for axis in range(points.shape[1]):
                 means[cell, axis] += points[order[i], axis]
-        means[cell] /= starts[cell + 1] - starts[cell]
+        for axis in range(points.shape[1]):
+            means[cell, axis] /= starts[cell + 1] - starts[cell]
     return means
 
 
@@ -171,7 +172,7 @@ def _counts(rank: NDArray, order: NDArray, starts: NDArray, n_levels: int) -> ND
 def _quantile(cumulative: NDArray, levels: NDArray, share: float) -> float:
     """Return a quantile, linear within its level: levels can be wide steps of whole numbers."""
     wanted = share * cumulative[-1]
-    k = np.searchsorted(cumulative, wanted)
+    k = lower_bound(cumulative, wanted)
     before = cumulative[k - 1] if k > 0 else 0.0
     part = (wanted - before) / max(cumulative[k] - before, 1.0)
     low = levels[k]
@@ -186,24 +187,34 @@ def _statistics(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:  # fmt: skip
     """Return median and deviation of the values in the blocks around each block, NaN where there are too few."""
     median, deviation = np.full(len(keys), np.nan), np.full(len(keys), np.nan)
-    total = np.empty(counts.shape[1], np.float64)
+    cumulative = np.empty(counts.shape[1])
     least_deviation = max((levels[-1] - levels[0]) * 1e-3, 1e-9)
     for block in range(len(keys)):
-        total[:] = 0.0
+        for k in range(len(cumulative)):
+            cumulative[k] = 0.0
         for dy in range(-reach, reach + 1):
-            a = np.searchsorted(keys, keys[block] + dy * nx - reach)
-            b = np.searchsorted(keys, keys[block] + dy * nx + reach + 1)
+            a = lower_bound(keys, keys[block] + dy * nx - reach)
+            b = lower_bound(keys, keys[block] + dy * nx + reach + 1)
             for other in range(a, b):
-                for k in range(len(total)):
-                    total[k] += counts[other, k]
-        cumulative = np.cumsum(total)
+                for k in range(len(cumulative)):
+                    cumulative[k] += counts[other, k]
+        for k in range(1, len(cumulative)):
+            cumulative[k] += cumulative[k - 1]
         if cumulative[-1] >= least:
             median[block] = _quantile(cumulative, levels, first)
             deviation[block] = (_quantile(cumulative, levels, second) - median[block]) / span
     # Paint widens the distribution of a place, and patches of one intensity narrow it.
-    usual = max(np.nanmedian(deviation), least_deviation, noise)
-    deviation = np.clip(deviation, usual / _ODD, usual * _ODD)
-    return median + rest * deviation, deviation
+    known, n_known = np.empty(len(keys)), 0
+    for block in range(len(keys)):
+        if not np.isnan(deviation[block]):
+            known[n_known] = deviation[block]
+            n_known += 1
+    usual = max(median_of(known, n_known), least_deviation, noise) if n_known else np.nan
+    for block in range(len(keys)):
+        if not np.isnan(deviation[block]):
+            deviation[block] = min(max(deviation[block], usual / _ODD), usual * _ODD)
+        median[block] += rest * deviation[block]
+    return median, deviation
 
 
 @njit(cache=True, nogil=True)
@@ -220,7 +231,7 @@ def _between(
         for dy in range(2):
             for dx in range(2):
                 key = (margin * ny + iy + dy + margin) * nx + ix + dx + margin
-                k = np.searchsorted(keys, key)
+                k = lower_bound(keys, key)
                 if k < len(keys) and keys[k] == key and not np.isnan(first[k]):
                     w = (fx if dx else 1.0 - fx) * (fy if dy else 1.0 - fy) + 1e-6
                     total, sum_a, sum_b = total + w, sum_a + w * first[k], sum_b + w * second[k]

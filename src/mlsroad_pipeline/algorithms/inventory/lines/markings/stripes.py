@@ -83,7 +83,9 @@ def _directions(local: NDArray, count: int, least: float, turns: NDArray, alike:
     for turn in range(_TURNS):
         votes[turn] = _along(alike[0, :n], alike[1, :n], turns[turn, 0], turns[turn, 1])
     for k in range(_TRIED):
-        best = np.argmax(votes)
+        best = 0
+        for turn in range(1, _TURNS):
+            best = turn if votes[turn] > votes[best] else best
         for j in range(3):
             beside = (best + j - 1) % _TURNS
             tried[3 * k + j] = beside
@@ -102,7 +104,9 @@ def _along(x: NDArray, y: NDArray, c: float, s: float) -> int:
 @njit(cache=True, nogil=True)
 def _profile(local: NDArray, count: int, c: float, s: float, bins: NDArray, sums: NDArray) -> None:
     """Write cumulative brightness, number and height of the cells by distance across the stripe into `sums`."""
-    sums[:] = 0.0
+    for b in range(2 * _HALF + 1):
+        for axis in range(3):
+            sums[b, axis] = 0.0
     x, y, level, z = local[0], local[1], local[2], local[3]
     for k in range(count):  # a loop of its own, in vector instructions
         bins[k] = int(np.floor((y[k] * c - x[k] * s) / _BIN)) + _HALF
@@ -199,8 +203,9 @@ def _fit(
     found, bins = np.empty(_MOST, np.int64), np.empty(_MOST, np.int64)
     near, local, alike = np.empty((4, _MOST)), np.empty((4, _MOST)), np.empty((2, _MOST))
     sums, tried = np.zeros((2 * _HALF + 1, 3)), np.zeros(3 * _TRIED, np.int64)
-    angles = np.pi * np.arange(_TURNS) / _TURNS
-    turns = np.column_stack((np.cos(angles), np.sin(angles)))
+    turns = np.empty((_TURNS, 2))
+    for k in range(_TURNS):
+        turns[k, 0], turns[k, 1] = np.cos(np.pi * k / _TURNS), np.sin(np.pi * k / _TURNS)
     for block in range(len(keys)):
         n_near = -1  # gathered for the first bright cell of the block
         for i in range(starts[block], starts[block + 1]):
@@ -208,7 +213,7 @@ def _fit(
             if cells[own, BRIGHTNESS] < least or not cells[own, CORE] >= _CORE_SHARE:
                 continue
             if n_near < 0:
-                n_near = gather_cells(keys[block], nx, 1, keys, starts, order, found)
+                n_near = gather_cells(keys[block], nx, np.int64(1), keys, starts, order, found)
                 for k in range(n_near):
                     near[0, k], near[1, k] = cells[found[k], X], cells[found[k], Y]
                     near[2, k], near[3, k] = cells[found[k], Z], cells[found[k], LEVEL]
@@ -216,7 +221,7 @@ def _fit(
             _directions(local, count, -_ALIKE * cells[own, BRIGHTNESS], turns, alike, tried)
             row = fits[own]
             for turn in tried:
-                c, s = turns[turn]
+                c, s = turns[turn, 0], turns[turn, 1]
                 _profile(local, count, c, s, bins, sums)
                 _clearest(sums, widths, c, s, row)
             row[_OWN_SHARE] = _own_share(local, count, row)
