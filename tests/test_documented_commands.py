@@ -138,7 +138,8 @@ def test_mlsroad_inspect_says_the_same_with_nothing_on_stderr(project):
 
 
 def test_mlsroad_label_assigns_a_system_and_says_the_same_with_nothing_on_stderr(project):
-    done, _ = typed(project, "mlsroad", "label", "in", "-o", "out", "--crs", "EPSG:28992", "--copc")
+    here = ("--params", "execution.backend=sequential")  # tests/commands/test_mlsroad.py labels with workers
+    done, _ = typed(project, "mlsroad", "label", "in", "-o", "out", "--crs", "EPSG:28992", "--copc", *here)
     assert done.returncode == 0 and done.stderr == "", done.stderr
     for text in SAID:
         assert done.stdout.count(text) == (0 if "reference system" in text else 1), (text, done.stdout)
