@@ -44,7 +44,7 @@ export interface Message {
 
 export const STATUSES = ["", "accepted", "rejected", "changed", "moved", "merged", "split", "added", "cut", "joined"];
 export const KINDS = ["pole", "sign", "tree", "vehicle"];
-export const LINE_KINDS = ["kerb", "wire", "barrier", "lane_line", "stop_line", "crossing", "other_marking"];
+export const LINE_KINDS = ["kerb", "wire", "lane_line", "stop_line", "crossing", "other_marking", "barrier"];
 export const ORDERS = ["first", "number", "kind", "lowest", "highest"] as const;
 export type Order = (typeof ORDERS)[number];
 
