@@ -3,6 +3,7 @@ SHELL := /bin/bash
 BIN := .venv/bin
 export KEDRO_DISABLE_TELEMETRY := true
 export DO_NOT_TRACK := 1
+unexport PYTHONDONTWRITEBYTECODE  # compiling the tests anew takes a third of their collection
 
 .PHONY: setup run compare models test quick coverage lint bench docs clean
 

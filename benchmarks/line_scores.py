@@ -1,13 +1,13 @@
-"""Scores of the kerbs, wires and markings of `label`, with the shipped model, on simulated streets and on recordings.
+"""Scores of the lines of `label`, with the shipped model, on simulated streets and on recordings.
 
     python benchmarks/line_scores.py [--only simulated semantickitti ...] [--folder FOLDER]
 
 - simulated: streets of 100 m of four kinds (town, suburb, ring_road, campus), seen by two scanners (presets `demo`, a
   sixth of the pulses of a VMX-450, and `hdl32`), seeds that nothing was chosen on. A true kerb counts if it is at least
   5 cm high and both of its sides have points in four cells of 0.1 m within 0.35 m; lower and hidden ones are uncounted.
-  A true wire reaches from its first to its last point, in space, and counts if it has 50 points and is 3 m long;
-  A true marking counts where it has points of paint in three cells of 0.1 m within 0.35 m; crossings are scored along
-  their middle. Other paint, such as arrows, is uncounted;
+  A true wire reaches from its first to its last point, in space, and counts if it has 50 points and is 3 m long. Walls
+  and fences count where eight of their voxels of 0.1 m, markings where three cells of 0.1 m of paint have points within
+  0.35 m; crossings are scored along their middle. Other paint, such as arrows, is uncounted;
 - semantickitti, pandaset: scans of SemanticKITTI 00 and frames of PandaSet 001, each labelled alone. The reference is
   the border between points of road or parking and of sidewalk, at most 0.5 m apart; borders to other ground are
   uncounted. Not every such border is a kerb;
@@ -22,6 +22,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import geopandas
@@ -36,27 +37,27 @@ from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.inventory.scoring.line_scores import LineScores, places_along, score_lines
+from mlsroad_pipeline.simulation.furnishing.premises import Frame
 from mlsroad_pipeline.simulation.parameters.presets import simulation_parameters
 from mlsroad_pipeline.simulation.runtime.stream import SurveyStream
 from mlsroad_pipeline.simulation.street.line_truth import true_kerbs, true_markings
 
 FIRST_SEED, LENGTH = 931, 100
 LEAST, NEAR, CELLS = 0.05, 0.35, 4  # metres, metres, cells on either side
-PAINTED = 3  # cells within `NEAR`
+PAINTED, VOXELS = 3, 8  # cells, voxels within `NEAR`
 WITHIN = (0.1, 0.2, 0.5)
-
-
 Places = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 class Case(NamedTuple):
-    """A survey, its true kerbs, wires and markings as places every 0.1 m, counted and uncounted; None: not known."""
+    """A survey, its true lines as places every 0.1 m, counted and uncounted; None: not known."""
 
     name: str
     survey: Path
     kerbs: Places | None
     wires: Places | None = None
     markings: Places | None = None
+    barriers: Places | None = None
 
 
 def seen(kerbs: NDArray[np.float64], xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -77,22 +78,30 @@ def simulated(folder: Path) -> Iterator[Case]:
     """Yield the streets, simulated where they are not there."""
     for number, (kind, scanner) in enumerate(STREETS):
         street = simulated_street(folder, kind, scanner, FIRST_SEED + number, LENGTH)
-        described = {
-            "preset": scanner,
-            "seed": FIRST_SEED + number,
-            "length": LENGTH,
-            "street": kind,
-            "with_images": False,
-        }
+        described = {"preset": scanner, "seed": FIRST_SEED + number, "length": LENGTH, "street": kind}
+        described["with_images"] = False
         stream = SurveyStream(simulation_parameters(described))
         kerbs = true_kerbs(stream.street, start=-40.0, end=LENGTH + 40.0)
         kerbs[:, :3] += stream.origin
-        high = kerbs[:, 3] >= LEAST
-        counted = np.zeros(len(kerbs), dtype=bool)
+        high, counted = kerbs[:, 3] >= LEAST, np.zeros(len(kerbs), dtype=bool)
         points = laspy.read(street / "survey.laz")
         counted[high] = seen(kerbs[high], np.asarray(points.xyz))
         paint = true_paint(stream, points)
-        yield Case(street.name, street, (kerbs[counted, :2], kerbs[~counted, :2]), true_wires(points), paint)
+        lines = (kerbs[counted, :2], kerbs[~counted, :2]), true_wires(points), paint, true_barriers(stream, points)
+        yield Case(street.name, street, *lines)
+
+
+def true_barriers(stream: SurveyStream, points: laspy.LasData) -> Places:
+    """Return places along the walls and fences of a simulated street that count, and along the others."""
+    street, places = stream.street, [np.zeros((0, 2))]
+    for lot in (lot for lot in street.lots if lot.boundary in ("fence", "wall")):
+        frame, way = Frame(SimpleNamespace(street=street), lot), np.arange(lot.start + 0.05, lot.end, 0.1)
+        line = np.array([frame.place(at, 0.3) for at in way[~(np.abs(way - lot.driveway) < 1.6)]]).reshape(-1, 2)
+        places.append(street.alignment.place(*line.T)[0][:, :2] + stream.origin[:2])
+    own = np.isin(np.asarray(points["label"]), [TAXONOMY["wall"], TAXONOMY["fence"]])
+    voxels = np.unique(np.round(np.asarray(points.xyz)[own], 1), axis=0)
+    near = cKDTree(voxels[:, :2]).query_ball_point(np.concatenate(places), NEAR, return_length=True)
+    return np.concatenate(places)[near >= VOXELS], np.concatenate(places)[near < VOXELS]
 
 
 def true_paint(stream: SurveyStream, points: laspy.LasData) -> Places:
@@ -139,8 +148,8 @@ def semantickitti(_: Path) -> Iterator[Case]:
         xyz = np.fromfile(scan, np.float32).reshape(-1, 4)[:, :3].astype(np.float64)
         code = np.fromfile(folder / "label" / f"{scan.stem}.label", np.uint32) & 0xFFFF
         road = np.isin(code, [40, 44, 60])
-        kerbs = border(xyz, road, code == 48), border(xyz, road, np.isin(code, [49, 72]))
-        yield Case(f"kitti_{scan.stem}", scan, kerbs)
+        sides = code == 48, np.isin(code, [49, 72])
+        yield Case(f"kitti_{scan.stem}", scan, (border(xyz, road, sides[0]), border(xyz, road, sides[1])))
 
 
 def pandaset(_: Path) -> Iterator[Case]:
@@ -175,7 +184,7 @@ def pandaset_merged(folder: Path) -> Iterator[Case]:
 
 
 def middle_lines(paint: NDArray[np.float64]) -> Places:
-    """Return places along the middles of groups of points of paint, and the points of groups that are too short."""
+    """Return places in squares of 0.1 m along the middles of groups of points of paint, and points of short groups."""
     middle = paint.copy()
     for _ in range(3):  # towards the line through the points around
         tree, moved = cKDTree(middle), middle.copy()
@@ -192,31 +201,26 @@ def middle_lines(paint: NDArray[np.float64]) -> Places:
     group = connected_components(graph, directed=False)[1]
     length = np.bincount(group[tree.row], tree.data, minlength=group.max() + 1)
     edges = [middle[[a, b]] for a, b in zip(tree.row, tree.col, strict=True) if length[group[a]] >= 1.0]
-    # Edges shorter than a place are thinned to squares of 0.1 m.
     places = np.unique(np.round(np.concatenate([places_along(edges, step=0.02), np.zeros((0, 2))]), 1), axis=0)
     return places, middle[length[group] < 1.0]
 
 
 SETS = {f.__name__: f for f in (simulated, semantickitti, pandaset, pandaset_merged)}
 KINDS_OF = {
-    "kerbs": ("kerbs",),
-    "wires": ("wires",),
+    **{name: (name,) for name in ("kerbs", "wires", "barriers")},
     "markings": ("lane_lines", "stop_lines", "crossings", "other_markings"),
 }
 
 
 def listed(case: Case, folder: Path) -> dict[str, list[NDArray[np.float64]]]:
-    """Return the vertices of the kerbs, wires and markings of `label`."""
+    """Return the vertices of the lines of `label`."""
     results = folder / case.name
     mlsroad("label", case.survey, "-o", results, "--overwrite")
-    return {
-        name: [
-            shapely.get_coordinates(line, include_z=True)
-            for layer in layers
-            for line in geopandas.read_file(results / "inventory.gpkg", layer=layer).geometry
-        ]
-        for name, layers in KINDS_OF.items()
-    }
+    found = {}
+    for name, layers in KINDS_OF.items():
+        parts = [geopandas.read_file(results / "inventory.gpkg", layer=layer).geometry for layer in layers]
+        found[name] = [shapely.get_coordinates(line, include_z=True) for lines in parts for line in lines]
+    return found
 
 
 def scores_of(case: Case, lines: dict[str, list[NDArray[np.float64]]]) -> dict[str, list[LineScores]]:
@@ -234,8 +238,8 @@ def mean(scores: list[LineScores]) -> LineScores:
     """Return the scores of several surveys together, weighted by length."""
     true, found = (np.array([getattr(s, name) for s in scores]) for name in ("true", "listed"))
     shares = [
-        float(np.nansum([getattr(s, share) * getattr(s, length) for s in scores]) / max(total.sum(), 1e-9))
-        for share, length, total in (("found", "true", true), ("right", "listed", found))
+        float(np.nansum([getattr(s, share) for s in scores] * total) / max(total.sum(), 1e-9))
+        for share, total in (("found", true), ("right", found))
     ]
     return LineScores(float(true.sum()), float(found.sum()), *shares)
 

@@ -127,16 +127,12 @@ def score_attributes(objects: pd.DataFrame) -> list[list[str]]:
         found, true = own["pole_type" if name == "type" else "panel_shape"], own[f"true_{name}"]
         for value in values:
             listed, wanted, right = found == value, true == value, ((found == value) & (true == value)).sum()
-            parts = [
-                right / max(listed.sum(), 1),
-                right / max(wanted.sum(), 1),
-                2 * right / max(listed.sum() + wanted.sum(), 1),
-            ]
-            rows.append([f"{kind}: {value}", str(wanted.sum()), str(listed.sum()), *(f"{x:.2f}" for x in parts)])
+            n, m = listed.sum(), wanted.sum()
+            parts = right / max(n, 1), right / max(m, 1), 2 * right / max(n + m, 1)
+            rows.append([f"{kind}: {value}", str(m), str(n), *(f"{x:.2f}" for x in parts)])
     crown = objects["crown_error"].dropna()
-    print(
-        f"crown diameter: {len(crown)} trees, median error {crown.abs().median():.2f} m, bias {crown.median():+.2f} m"
-    )
+    errors = f"median error {crown.abs().median():.2f} m, bias {crown.median():+.2f} m"
+    print(f"crown diameter: {len(crown)} trees, {errors}")
     for row in rows:
         print("| " + " | ".join(row) + " |")
     return rows
@@ -171,7 +167,7 @@ def main() -> None:
         (folder / "object_attributes.json").write_text(json.dumps(record, indent=1) + "\n")
         return
     print(
-        "| data and measure | unit | median error | 90 % quantile | bias | true | share | false |\n" + "|---" * 8 + "|"
+        "| data and measure | unit | median error | 90 % quantile | bias | true | share | false |\n" + 8 * "|---" + "|"
     )
     for name in options.only:
         every.append(measured(folder, names.index(name), options.seed))

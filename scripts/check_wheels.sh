@@ -8,13 +8,11 @@ scratch=$(mktemp -d)
 trap 'rm -rf "$scratch"' EXIT
 
 "$python" -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["dependencies"], sep="\n")' > "$scratch/dependencies.txt"
-# OmegaConf 2.3 needs this release, which is published as pure Python source alone; pip builds it in a second.
-"$python" -m pip wheel --quiet --no-deps --wheel-dir "$scratch/wheels" 'antlr4-python3-runtime==4.9.3'
 
 [ $# -gt 0 ] || set -- 3.11 3.12 3.13
 for version in "$@"; do
     "$python" -m pip install --quiet --dry-run --ignore-installed --report "$scratch/$version.json" --target "$scratch/none" \
-        --only-binary=:all: --python-version "$version" --find-links "$scratch/wheels" -r "$scratch/dependencies.txt"
+        --only-binary=:all: --python-version "$version" -r "$scratch/dependencies.txt"
     "$python" - "$version" "$scratch/$version.json" <<'PYTHON'
 import json
 import sys

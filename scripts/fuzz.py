@@ -12,7 +12,9 @@ from __future__ import annotations
 import argparse
 import io
 import json
+import os
 import resource
+import shutil
 import signal
 import sys
 import tempfile
@@ -20,10 +22,12 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import nullcontext, redirect_stdout, suppress
+from functools import cache
 from pathlib import Path
 from types import FrameType
 from typing import Any
+from unittest import mock
 
 import laspy
 import numpy as np
@@ -31,15 +35,19 @@ import pandas as pd
 
 import mlsroad_pipeline
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
-from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.commands import corrections
+from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
+from mlsroad_pipeline.review.delivery.files import Delivery
 from mlsroad_pipeline.review.page_server.served_survey import _correction
 from mlsroad_pipeline.surveys.given_classes import read_predictions
 from mlsroad_pipeline.surveys.register_files import RegisterFile
 from mlsroad_pipeline.surveys.trajectory_files import read_trajectory
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-from helpers.mutations import mutated, mutated_json, mutated_table  # of the tests
+from helpers.corrected import save_as_tables  # of the tests
+from helpers.mutations import mutated, mutated_geopackage, mutated_json, mutated_table
+from helpers.page_output import FILES, write_output
 
 PACKAGE = str(Path(mlsroad_pipeline.__file__).parent)
 LONGEST = 20
@@ -62,6 +70,32 @@ def request(path: Path) -> None:
         _correction(wanted if isinstance(wanted, dict) else {})
     except (ValueError, TypeError, OverflowError, RecursionError):
         return
+
+
+@cache
+def labelled() -> tempfile.TemporaryDirectory[str]:
+    """Return a folder with a labelled survey, and a copy of its inventory as QGIS saves it."""
+    folder = tempfile.TemporaryDirectory()
+    write_output(Path(folder.name, "out"), crs="EPSG:25832")
+    (record,) = Path(folder.name, "out").glob(".mlsroad/*/run.json")
+    run = json.loads(record.read_text())
+    run["settings"]["label"] = {"survey": "survey.laz"}
+    run["summary"]["model"] = {"name": "own", "version": "1"}
+    record.write_text(json.dumps(run))
+    save_as_tables(Path(folder.name, "out/inventory.gpkg"), Path(folder.name, "tables.gpkg"))
+    return folder
+
+
+def import_edits(path: Path) -> None:
+    """Import an edited file into a labelled survey without decisions, and prepare the delivery."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = shutil.copytree(Path(labelled().name, "out"), Path(folder, "out"), copy_function=os.link)
+        with (
+            mock.patch.object(corrections, "one_line_errors", lambda **_: nullcontext()),
+            redirect_stdout(io.StringIO()),
+        ):
+            corrections.import_corrections(str(path), str(out), "ann", FILES[1], True)
+        assert len(Delivery(out).corrected.objects) < 100
 
 
 def sound() -> dict[str, tuple[bytes, Callable[[Path], Any], Callable[..., bytes]]]:
@@ -101,6 +135,10 @@ def sound() -> dict[str, tuple[bytes, Callable[[Path], Any], Callable[..., bytes
     files["labels.npy"] = stream.getvalue(), lambda p: read_predictions(p, 0, N, N, "a.las"), mutated
     decision = {"action": "change", "object_id": 3, "payload": {"class": "pole", "base": [1.0, 2.0, 3.0], "note": "x"}}
     files["decision.json"] = json.dumps(decision).encode(), request, mutated_json
+    survey = Path(labelled().name)
+    for name, edited in (("views", "out/inventory.gpkg"), ("tables", "tables.gpkg")):
+        files[f"{name}.gpkg"] = (survey / edited).read_bytes(), import_edits, mutated_geopackage
+    files["edited.laz"] = (survey / "out" / FILES[1]).read_bytes(), import_edits, mutated
     return files
 
 
@@ -148,13 +186,13 @@ def failure(path: Path, reader: Callable[[Path], Any], seen: set[tuple[int, int]
 
 def main() -> None:
     """Fuzz the targets in turn; the exit status is the number of kinds of failures."""
+    warnings.simplefilter("ignore")
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     arguments.add_argument("--seconds", type=float, default=1200.0)
     arguments.add_argument("--seed", type=int, default=0)
     arguments.add_argument("--targets", nargs="*", choices=list(sound()), default=list(sound()))
     arguments.add_argument("--found", type=Path, default=Path("fuzz_found"))
     options = arguments.parse_args()
-    warnings.simplefilter("ignore")
     resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30))
     signal.signal(signal.SIGALRM, lambda *_: (_ for _ in ()).throw(TimeoutError(f"more than {LONGEST} s")))
     kinds: set[str] = set()
@@ -163,10 +201,12 @@ def main() -> None:
         rng, corpus, seen = np.random.default_rng(options.seed), [content], set[tuple[int, int]]()
         end, runs = time.monotonic() + options.seconds / len(options.targets), 0
         with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / name
+            path.write_bytes(content)
+            reader(path)  # the sound input is not refused
             while time.monotonic() < end:
                 base = corpus[int(rng.integers(len(corpus)))]
                 case = content if not runs or not base else damaged(base, mutate, rng)
-                path = Path(folder) / name
                 path.write_bytes(case)
                 kind = failure(path, reader, seen, corpus)
                 if kind and f"{name}_{kind.partition(':')[0]}" not in kinds:

@@ -1,19 +1,26 @@
 """Install the locked packages and this project into the environment of this Python, with uv.
 
+Both check the hashes of all packages but torch.
 uv takes a fifth of pip's time. It does not read pip's configuration: indexes, folders of wheels, constraints and
 certificates are passed on as environment variables. Where uv cannot be installed or fails, pip installs the same.
 """
 
 import ast
 import os
+import re
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 LOCK = "requirements.lock"
 PIP = [sys.executable, "-m", "pip"]
 QUIET = ["--quiet", "--disable-pip-version-check"]
-STEPS = (["-r", LOCK], ["--no-deps", "--no-build-isolation", "--editable", "."])
+STEPS = (
+    ["--no-deps", "-r", LOCK],
+    ["-r", "requirements-torch.lock"],
+    ["--no-deps", "--no-build-isolation", "--editable", "."],
+)
 VARIABLES = {
     "index-url": ("UV_DEFAULT_INDEX", " "),
     "extra-index-url": ("UV_INDEX", " "),
@@ -47,9 +54,17 @@ def uv_environment(settings: dict[str, str]) -> dict[str, str]:
     return {"UV_INDEX_STRATEGY": "unsafe-best-match", "UV_NO_PROGRESS": "1", **given}
 
 
+def installs_uv() -> bool:
+    """Install the locked uv, whose hash is checked too; return whether that worked."""
+    (pin,) = re.findall(r"^uv==(?:.*\\\n)*.*\n", Path(LOCK).read_text(encoding="utf-8"), re.MULTILINE)
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder, "uv.lock")
+        place.write_text(pin, encoding="utf-8")
+        return subprocess.run([*PIP, "install", *QUIET, "--quiet", "-r", str(place)], check=False).returncode == 0
+
+
 def main() -> int:
     """Install with uv, else with pip."""
-    (uv,) = (line.strip() for line in Path(LOCK).read_text(encoding="utf-8").splitlines() if line.startswith("uv=="))
     listed = subprocess.run([*PIP, "config", "list"], capture_output=True, text=True, check=True).stdout
     environment = {**uv_environment(pip_settings(listed)), **os.environ}
     program = [
@@ -63,7 +78,7 @@ def main() -> int:
         "--python",
         sys.executable,
     ]
-    has_uv = subprocess.run([*PIP, "install", "--quiet", *QUIET, uv], check=False).returncode == 0
+    has_uv = installs_uv()
     for step in STEPS:
         if has_uv and subprocess.run([*program, *step], env=environment, check=False).returncode == 0:
             continue

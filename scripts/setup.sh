@@ -1,31 +1,28 @@
 #!/usr/bin/env bash
 # Installs everything into .venv: the system library that Open3D needs, the locked packages, this project. Then compiles its
 # kernels for this processor.
-# It does nothing where .venv already holds what requirements.lock and pyproject.toml ask for.
+# It does nothing where .venv already holds what the locks and pyproject.toml ask for.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 say() { printf '%s\n' "$*" >&2; }
 
 stamp=.venv/.mlsroad-installed
-want=$(cat requirements.lock pyproject.toml | sha256sum | cut -d' ' -f1)
+want=$(cat requirements.lock requirements-torch.lock pyproject.toml | sha256sum | cut -d' ' -f1)
 if [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$want" ]; then
     exit 0
 fi
 
-python=${PYTHON:-}
+version() { "$1" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null || true; }
+candidates=(python3.13 python3.12 python3.11 python3) # requirements.lock has wheels for these
+[ -z "${PYTHON:-}" ] || candidates=("$PYTHON")
+python=
+for candidate in "${candidates[@]}"; do
+    case "$(version "$candidate")" in 3.11 | 3.12 | 3.13) python=$candidate && break ;; esac
+done
 if [ -z "$python" ]; then
-    for candidate in python3.11 python3; do
-        if command -v "$candidate" >/dev/null 2>&1 &&
-            [ "$("$candidate" -c 'import sys; print("%d.%d" % sys.version_info[:2])')" = 3.11 ]; then
-            python=$candidate
-            break
-        fi
-    done
-fi
-if [ -z "$python" ]; then
-    say "mlsroad needs Python 3.11 and found none. Debian 12 has it as python3 (apt-get install python3);"
-    say "elsewhere: pyenv install 3.11, conda create -n mlsroad python=3.11, or set PYTHON to its path."
+    say "mlsroad needs Python 3.11, 3.12 or 3.13 and found none. Debian 12 and 13 have one as python3 (apt-get install python3);"
+    say "elsewhere: pyenv install 3.13, conda create -n mlsroad python=3.13, or set PYTHON to its path."
     exit 1
 fi
 
@@ -54,9 +51,9 @@ fi
 if [ ! -x .venv/bin/python ] && ! "$python" -m venv .venv 2>/tmp/mlsroad-venv.$$; then
     rm -rf .venv
     say "Python's venv module is incomplete here; installing it ..."
-    if ! apt_install python3.11-venv >&2 || ! "$python" -m venv .venv; then
+    if ! apt_install "python$(version "$python")-venv" >&2 || ! "$python" -m venv .venv; then
         cat /tmp/mlsroad-venv.$$ >&2
-        say "A virtual environment could not be made. As root: apt-get install python3.11-venv;"
+        say "A virtual environment could not be made. As root: apt-get install python$(version "$python")-venv;"
         say "without root: $python -m pip install --user virtualenv && $python -m virtualenv .venv"
         exit 1
     fi

@@ -1,13 +1,16 @@
 """Misspelt sections and keys of parameters, and configuration files: errors of one line with the nearest right name."""
 
+import click
 import pytest
 import yaml
 from click.testing import CliRunner
 from helpers.conf import from_command_line, parameters_of
 from helpers.wiring import REPOSITORY, last_line, make_project
+from kedro.framework.project import configure_project
 
 from mlsroad_pipeline import cli
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.config import ParameterConfigLoader
 
 
 @pytest.fixture(scope="module")
@@ -64,10 +67,16 @@ def test_configurations_of_the_project_are_options_of_the_command(project, name)
     assert parameters_of(project, **options["params"])["detrended_forest"].n_trees > 0
 
 
-def test_unknown_environment_is_an_error_that_names_those_there_are(project, monkeypatch):
+@pytest.mark.parametrize("given", [["--env=semantikitti"], []])
+def test_unknown_environment_is_one_line_that_names_those_there_are(project, monkeypatch, given):
+    configure_project("mlsroad_pipeline")  # as `kedro` does
     monkeypatch.chdir(project)
-    result = CliRunner().invoke(cli.run, ["--env=semantikitti"])
-    assert result.exit_code == 2 and "unknown environment 'semantikitti' (known: base, " in result.output
+    monkeypatch.setenv("KEDRO_ENV", "" if given else "semantikitti")
+    result = CliRunner().invoke(cli.run, given)
+    assert result.exit_code == 1 and result.output.count("\n") == 1
+    assert result.output.startswith("Error: unknown environment 'semantikitti' (known: base, ")
+    with pytest.raises(click.ClickException, match="unknown environment 'semantikitti' "):  # of all other commands
+        ParameterConfigLoader(str(project / "conf"), env="semantikitti", base_env="base", default_run_env="local")
 
 
 @pytest.mark.parametrize("order", [1, -1])

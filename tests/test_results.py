@@ -27,7 +27,7 @@ SCORE = re.compile(r"(?<![\d.])0\.\d{2,3}(?!\d)")
 PARAMETERS = {"parameter", "setting", "option", "field"}
 """First header cells of tables of parameters, whose values are no scores."""
 LIMITS = {"README.md": 600, "CHANGELOG.md": 400, "docs/decisions.md": 1500}
-MANUAL = 50_000
+MANUAL, PAGE = 50_000, 1200
 
 
 def read(path):
@@ -111,6 +111,12 @@ def test_words_are_counted():
 @pytest.mark.parametrize(("name", "limit"), LIMITS.items())
 def test_page_is_short(name, limit):
     assert words(read(REPOSITORY / name)) <= limit
+
+
+def test_pages_of_the_manual_are_short():
+    own_limit = {REPOSITORY / name for name in (*LIMITS, "docs/results.md")}  # results are tables, made by the script
+    n_words = {path.name: words(read(path)) for path in {*(REPOSITORY / "docs").rglob("*.md")} - own_limit}
+    assert {name: n for name, n in n_words.items() if n > PAGE} == {}
 
 
 def test_manual_is_short():

@@ -1,6 +1,7 @@
 """Set-up: uv gets the settings of pip."""
 
 import importlib.util
+import re
 
 from helpers.wiring import REPOSITORY
 
@@ -35,6 +36,13 @@ def test_without_settings_uv_uses_its_own():
     assert not {"UV_DEFAULT_INDEX", "UV_INDEX", "UV_FIND_LINKS"} & set(installer().uv_environment({}))
 
 
-def test_the_lock_pins_uv_once():
-    pins = (REPOSITORY / "requirements.lock").read_text().splitlines()
-    assert len([line for line in pins if line.startswith("uv==")]) == 1
+def test_all_locked_packages_have_hashes():
+    text = (REPOSITORY / "requirements.lock").read_text(encoding="utf-8")
+    entry = r"^([\w.-]+)==\S+ (?:;[^\\]* )?\\\n(?:    --hash=sha256:[0-9a-f]{64}(?: \\)?\n)+"
+    names = re.findall(entry, text, re.MULTILINE)
+    assert len(names) == text.count("==") > 200 and "uv" in names and "torch" not in names
+
+
+def test_the_locked_torch_is_that_of_the_project():
+    (pin,) = re.findall(r"^torch==\S+$", (REPOSITORY / "requirements-torch.lock").read_text(), re.MULTILINE)
+    assert f'"{pin}"' in (REPOSITORY / "pyproject.toml").read_text()

@@ -14,6 +14,8 @@ const FORMATS: [string, string, boolean][] = [
   [".dxf", "DXF", false],
   [".xodr", "OpenDRIVE", false],
   [".laz", "points (LAZ)", false],
+  [".vpc", "virtual point cloud", false],
+  [".stac.json", "STAC item", false],
   [".html", "protocol of the check", true],
 ];
 

@@ -1,4 +1,4 @@
-// Entries of a compared register, and objects of two compared surveys: their states are right or wrong.
+// Entries of a compared register, objects of two compared surveys, places of a road: their states are right or wrong.
 
 import type { Cloud } from "./cloud";
 import { kindColour } from "./colours";

@@ -2,7 +2,7 @@
 
 import { classColour, kindColour, lineColour, STATUS_COLOURS } from "./colours";
 import { clear, count, el, short, swatch } from "./dom";
-import { LINE_KINDS, type Model, STATUSES, type View, VIEWS } from "./model";
+import { LINE_KINDS, type Model, STATUSES, typeOf, type View, VIEWS } from "./model";
 
 const NAMES: Record<View, string> = {
   class: "Class",
@@ -100,6 +100,17 @@ export function filters(model: Model, setSplat: (value: number) => void): HTMLEl
         ),
       );
       (kinds.lastElementChild as HTMLElement).title = `${n} shown, about ${right.toFixed(1)} of them right`;
+    }
+    const types = [...new Set(model.objects.map(typeOf))].filter((type) => type).sort();
+    for (const type of types) {
+      const own = model.objects.filter((object) => typeOf(object) === type);
+      kinds.append(
+        row(
+          type, swatch(kindColour(own[0].kind, model.kinds), own[0].kind === "sign" ? "square" : "dot"), count(own.length), model.hiddenTypes.has(type),
+          () => model.set("filter", "hiddenTypes", toggled(model.hiddenTypes, type)),
+          () => model.set("filter", "hiddenTypes", othersThan(["", ...types], type, model.hiddenTypes)),
+        ),
+      );
     }
     clear(lineKinds);
     lineTitle.hidden = !model.lines.length;

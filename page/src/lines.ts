@@ -1,4 +1,4 @@
-// What buttons, keys and clicks do with kerbs, wires and markings.
+// What buttons, keys and clicks do with lines: kerbs, wires, barriers and markings.
 
 import { ask } from "./ask";
 import type { Cloud } from "./cloud";

@@ -10,11 +10,12 @@ import { inWords } from "./notes";
 
 const LISTS: [List, string, string][] = [
   ["objects", "Objects", "Objects to look at first"],
-  ["lines", "Lines", "Kerbs, wires and markings: uncertain and long ones first"],
+  ["lines", "Lines", "Kerbs, wires, barriers and markings: uncertain and long ones first"],
   ["decided", "Decided", "Objects that were decided, the last ones first"],
   ["groups", "Places", "Points of no object to look at first: uncertain, many, unlike the places that were answered"],
   ["register", "Register", "Entries of the compared register whose state is to be checked"],
   ["changes", "Changes", "Objects of two compared surveys whose state is to be checked"],
+  ["road", "Road", "Places of the road that are low or inside the envelope, and its measures every 10 m"],
 ];
 
 const ORDER_NAMES: Record<Order, string> = { first: "look at first", number: "number", kind: "kind", lowest: "lowest score", highest: "highest score" };
@@ -30,7 +31,7 @@ export function objectList(model: Model, actions: Actions): HTMLElement {
   const lists = el("div", { class: "lists", role: "radiogroup", "aria-label": "What the list holds" });
   const order = el("select", { id: "order", "aria-label": "Order of the list" }, ...ORDERS.map((value) => el("option", { value }, ORDER_NAMES[value])));
   order.addEventListener("change", () => model.set("queue", "order", order.value as Order));
-  const search = el("input", { type: "text", id: "search", placeholder: "Search (/)", "aria-label": "Search by kind, number, status, note" });
+  const search = el("input", { type: "text", id: "search", placeholder: "Search (/)", "aria-label": "Search by kind, type, shape, number, status, note" });
   search.addEventListener("input", () => model.set("queue", "search", search.value));
   search.addEventListener("keydown", (event) => {
     if (event.key === "Escape") {
@@ -156,7 +157,7 @@ export function objectList(model: Model, actions: Actions): HTMLElement {
   }
 
   for (const [which, text, title] of LISTS) {
-    if (["register", "changes"].includes(which) && !model.survey.entries[which]) continue;
+    if (["register", "changes", "road"].includes(which) && !model.survey.entries[which]) continue;
     lists.append(el("button", { type: "button", role: "radio", title, "data-list": which, click: () => actions.showList(which) }, text));
   }
   lists.append(el("kbd", { title: "The other list" }, "J"));

@@ -1,6 +1,6 @@
 // Order of the lists of objects and lines, and what is searched in them.
 
-import type { RoadObject, State } from "./state";
+import { type RoadObject, type State, typeOf } from "./state";
 import type { RoadLine } from "./types";
 
 /** Distance from the path beyond which objects and lines come last, metres. */
@@ -13,10 +13,15 @@ interface Listed {
   score?: number | null;
 }
 
+/** Whether a word of a text begins with another: "ground" has no "round". */
+function begins(text: string, word: string): boolean {
+  return word === "" || text.split(word).slice(0, -1).some((before) => !/\p{L}$/u.test(before));
+}
+
 /** Whether a text has all words that are searched; a number is that of the object, or stands in its note. */
 function found(state: State, id: number, text: string, note = ""): boolean {
   const all = `${text} ${note}`.toLowerCase();
-  return state.search.toLowerCase().split(/\s+/).every((word) => (/^\d+$/.test(word) ? id === Number(word) || note.includes(word) : all.includes(word)));
+  return state.search.toLowerCase().split(/\s+/).every((word) => (/^\d+$/.test(word) ? id === Number(word) || note.includes(word) : begins(all, word)));
 }
 
 function comparison(state: State): (a: Listed, b: Listed) => number {
@@ -41,7 +46,7 @@ export function listing(state: State): RoadObject[] {
   const fitting = shown.filter((object) => {
     const note = state.noteOf(object);
     const typed = note ? [note.text, ...Object.entries(note.attributes).flat()].join(" ") : "";
-    return found(state, object.id, `${object.kind} ${object.name} ${state.status(object.id)} ${object.cells.reasons ?? ""}`, typed);
+    return found(state, object.id, `${object.kind} ${object.name} ${typeOf(object)} ${state.status(object.id)} ${object.cells.reasons ?? ""}`, typed);
   });
   const byRank = (object: RoadObject) => rank.get(object.id) ?? Infinity;
   return state.order === "first" ? fitting.sort((a, b) => (byRank(a) === byRank(b) ? a.id - b.id : byRank(a) - byRank(b))) : fitting.sort(comparison(state));

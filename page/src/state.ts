@@ -7,7 +7,7 @@ import type { Cell, Corrections, Decision, Entry, Note, ObjectState, PointGroup,
 export const VIEWS = ["class", "confidence", "intensity", "height", "colour", "object", "status", "error"] as const;
 export type View = (typeof VIEWS)[number];
 export type Tool = "look" | "measure" | "section" | "paint" | "base" | "merge" | "split" | "add" | "line";
-export type List = "objects" | "lines" | "groups" | "decided" | "register" | "changes";
+export type List = "objects" | "lines" | "groups" | "decided" | "register" | "changes" | "road";
 export type Change = "view" | "filter" | "selection" | "decisions" | "queue" | "tool" | "status" | "saved" | "paint" | "theme" | "marked";
 export type Place = [number, number, number];
 
@@ -44,9 +44,15 @@ export interface Message {
 
 export const STATUSES = ["", "accepted", "rejected", "changed", "moved", "merged", "split", "added", "cut", "joined"];
 export const KINDS = ["pole", "sign", "tree", "vehicle"];
-export const LINE_KINDS = ["kerb", "wire", "lane_line", "stop_line", "crossing", "other_marking"];
+export const LINE_KINDS = ["kerb", "wire", "barrier", "lane_line", "stop_line", "crossing", "other_marking"];
 export const ORDERS = ["first", "number", "kind", "lowest", "highest"] as const;
 export type Order = (typeof ORDERS)[number];
+
+/** Kind with the type of a pole, or with the shape of a plate; empty without one. */
+export function typeOf({ kind, cells }: RoadObject): string {
+  const type = cells.pole_type || cells.panel_shape;
+  return type ? `${kind}, ${type}` : "";
+}
 
 export class State {
   /** Objects as they are after the decisions, new ones last. */
@@ -60,6 +66,8 @@ export class State {
   view: View = "class";
   hiddenClasses = new Set<number>();
   hiddenKinds = new Set<string>();
+  /** Types of poles and shapes of plates that are hidden. */
+  hiddenTypes = new Set<string>();
   hiddenStatuses = new Set<string>();
   leastScore = 0;
   selected: number | null = null;
@@ -268,6 +276,7 @@ export class State {
   shown(object: RoadObject): boolean {
     return (
       !this.hiddenKinds.has(object.kind) &&
+      !this.hiddenTypes.has(typeOf(object)) &&
       !this.hiddenStatuses.has(this.status(object.id)) &&
       (object.score >= this.leastScore || object.made !== null)
     );

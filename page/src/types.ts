@@ -14,7 +14,7 @@ export interface FirstFacts {
   classes: Record<string, number>;
 }
 
-/** A kerb, a wire or a marking. */
+/** A kerb, a wire, a barrier or a marking. */
 export interface RoadLine {
   line_id: number;
   kind: string;

@@ -4,6 +4,7 @@
 """
 
 import copy
+import os
 import re
 from difflib import get_close_matches
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 
 import click
 from kedro.framework.cli.project import run as kedro_run
+from kedro.framework.project import settings
 from omegaconf import OmegaConf
 from yaml import YAMLError
 
@@ -72,16 +74,10 @@ def _read_parameters(context: click.Context, parameter: click.Parameter, value: 
     return read
 
 
-def _environments(conf_source: str | None) -> list[str]:
-    place = Path(conf_source or "conf")
-    return sorted(path.name for path in place.iterdir() if path.is_dir()) if place.is_dir() else []
-
-
 def _check_environment(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
-    """Check that an environment has a folder of configuration."""
-    known = _environments(context.params.get("conf_source"))
-    if value and known and value not in known:
-        raise click.BadParameter(f"unknown environment {value!r} (known: {', '.join(known)})", context, parameter)
+    """Let the configuration loader refuse an unknown environment, before a session that logs a traceback."""
+    source, env = context.params.get("conf_source") or settings.CONF_SOURCE, value or os.environ.get("KEDRO_ENV")
+    settings.CONFIG_LOADER_CLASS(source, env=env, **settings.CONFIG_LOADER_ARGS)
     return value
 
 

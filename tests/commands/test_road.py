@@ -123,8 +123,16 @@ def test_layers_and_sections_have_the_measures(street, table):
     section = pd.read_csv(place / "road_sections.csv").iloc[0]
     assert section["width"] == table["width"].median() and section["least_clearance"] == table["clearance"].min()
     assert layers["road_sections"]["crossfall"].tolist() == [section["crossfall"]]
-    intrusions = gpd.read_file(place / "road.gpkg", layer="intrusions")
-    assert len(intrusions) == (table["envelope"] == "intruded").sum()
+    (place_of_branch,) = gpd.read_file(place / "road.gpkg", layer="intrusions").to_dict("records")
+    inside = table[table["envelope"] == "intruded"]
+    assert place_of_branch["from_station"] == inside["station"].min() - 0.5 and place_of_branch["state"] == "intruded"
+    assert place_of_branch["to_station"] == inside["station"].max() + 0.5
+    assert place_of_branch["height"] == inside["intrusion"].min() and place_of_branch["object_id"] == BRANCH
+    lowest = inside.loc[inside["intrusion"].idxmin()]
+    assert place_of_branch["geometry"].z == pytest.approx(lowest["z"] + lowest["intrusion"], abs=0.002)
+    places = pd.read_csv(place / "road_places.csv")
+    assert (places["state"] == "measured").sum() == LENGTH / 10
+    assert places["reason"].str.startswith("width 6.50 m, crossfall 2.5").sum() >= 5
     assert "Along the path" in (place / "road.html").read_text()
 
 

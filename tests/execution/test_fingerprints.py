@@ -225,7 +225,7 @@ def test_value_that_cannot_be_pickled_is_refused():
     [
         ({"inputs": {"value": 1}, "parameters": {"value": 1}}, r"\['value'\] are both inputs and parameters"),
         ({"inputs": {"value": 1, "cloud": 1}}, "got an unexpected keyword argument 'cloud'"),
-        ({}, "missing a required argument: 'value'"),
+        ({}, "missing a required (keyword-only )?argument: 'value'"),
         ({"parameters": {"value": SourceFile("f")}}, "'value' is a SourceFile: pass it as an input"),
     ],
 )

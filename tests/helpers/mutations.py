@@ -2,9 +2,12 @@
 
 import copy
 import json
+import sqlite3
 import struct
+from contextlib import closing
 
 import numpy as np
+import shapely
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 
@@ -91,6 +94,68 @@ def mutated_table(data, rng):
     else:
         row[at] = CELLS[int(rng.integers(len(CELLS)))]
     return "\n".join(mark.join(cells) for cells in rows).encode()
+
+
+SHAPES = (
+    "POINT Z (0 0 0)", "POINT EMPTY", "POINT (500 900)", "POINT Z (1e308 900 12)", "POINT (NaN NaN)", "LINESTRING EMPTY",
+    "LINESTRING Z (500 895 12, 510 895 12)", "LINESTRING (0 0, 0 0)", "LINESTRING Z (500 895 NaN, 1e300 0 0)",
+    "MULTIPOINT ((500 900), (1 2))", "MULTILINESTRING ((500 895, 510 895), (520 895, 530 895))", "POLYGON EMPTY",
+    "POLYGON ((0 0, 1 1, 0 1, 1 0, 0 0))", "GEOMETRYCOLLECTION (POINT (500 900), LINESTRING (0 0, 1 1))",
+)  # fmt: skip
+
+
+def _geometry(rng):
+    """Return a geometry as a GeoPackage holds it."""
+    shape = shapely.from_wkt(SHAPES[int(rng.integers(len(SHAPES)))])
+    return b"GP\0\1" + struct.pack("<i", 25832) + shapely.to_wkb(shape, byte_order=1)
+
+
+def _damage_table(base, rng):
+    """Change a cell, a row or a column of a table of an SQLite file; layers are chosen more often than others."""
+    names = [name for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'table' AND sql > ''")]
+    layers = [name for (name,) in base.execute("SELECT table_name FROM gpkg_contents") if name in names]
+    table = rng.choice(layers if layers and rng.random() < 0.9 else names)
+    columns = {row[1]: row[2] for row in base.execute(f'PRAGMA table_info("{table}")')}
+    column, kind = str(rng.choice(list(columns))), int(rng.integers(8))
+    where = f'WHERE rowid = (SELECT rowid FROM "{table}" ORDER BY rowid LIMIT 1 OFFSET {int(rng.integers(6))})'
+    kept = ", ".join(f'"{name}"' for name in list(columns)[1:])
+    if kind == 0:
+        base.execute(f'DELETE FROM "{table}" {where if rng.random() < 0.8 else ""}')
+    elif kind == 1:
+        base.execute(f'INSERT INTO "{table}" ({kept}) SELECT {kept} FROM "{table}" {where}')
+    elif kind == 2:
+        base.execute(
+            f'ALTER TABLE "{table}" {rng.choice(["DROP", "RENAME"])} COLUMN "{column}"'
+            + " TO other" * (rng.random() < 0.5)
+        )
+    else:
+        column = next((c for c in columns if c in ("geom", "geometry")), column) if kind > 5 else column
+        known = [value for (value,) in base.execute(f'SELECT "{column}" FROM "{table}"')]
+        other = (
+            VALUES[int(rng.integers(len(VALUES)))]
+            if rng.random() < 0.5 or not known
+            else known[int(rng.integers(len(known)))]
+        )
+        value = _geometry(rng) if kind > 5 else mutated(other, rng) if isinstance(other, bytes) else other
+        value = value if isinstance(value, bytes | None | int | float | str) else str(value)
+        base.execute(f'UPDATE "{table}" SET "{column}" = ? {where}', (value,))
+
+
+def mutated_geopackage(data, rng):
+    """Return a damaged GeoPackage, which mostly still is an SQLite file: cells, rows, columns, geometries."""
+    if rng.random() < 0.1:
+        return mutated(data, rng)
+    try:
+        with closing(sqlite3.connect(":memory:")) as base:
+            base.deserialize(data)
+            for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'trigger'").fetchall():
+                base.execute(f'DROP TRIGGER "{name}"')  # those of the index need functions of GDAL
+            for _ in range(int(rng.integers(1, 4))):
+                _damage_table(base, rng)
+            base.commit()
+            return base.serialize()
+    except (sqlite3.Error, OverflowError):
+        return mutated(data, rng)
 
 
 def mutated_arrays(arrays, rng):

@@ -57,7 +57,7 @@ def write_laz(path, xyz, codes, objects, *, confidence=0.8):
     las.write(str(path))
 
 
-def write_output(folder):
+def write_output(folder, *, crs=None):
     """Write an output folder of two files, and return the points of both in order."""
     rng = np.random.default_rng(7)
     parts = []
@@ -79,7 +79,7 @@ def write_output(folder):
         np.column_stack([np.linspace(495, 595, 50), np.full(50, 897.0), np.full(50, 14.0)])
     )
     kerb = np.array([[495.0, 895.0, 12.0], [540.0, 895.5, 12.1], [590.0, 896.0, 12.2]])
-    inventory = RoadInventory(table, None, path, None, line_table([line_row("kerb", kerb, path)]))
+    inventory = RoadInventory(table, crs, path, None, line_table([line_row("kerb", kerb, path)]))
     write_geopackage(inventory, folder / "inventory.gpkg")
     write_geoparquet(inventory, folder / "inventory.parquet")
     (folder / "report.html").write_text("<script>window.ran = 1</script>report", encoding="utf-8")

@@ -11,7 +11,7 @@ from helpers.wiring import REPOSITORY
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 from mlsroad_pipeline.inventory_files.own_schema import DRIVERS, read_schema, write_own_schema
 
-PAGE = (REPOSITORY / "docs/how_to/review_and_correct.md").read_text(encoding="utf-8")
+PAGE = (REPOSITORY / "docs/how_to/deliver.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"```yaml\n(layers:.*?)```", PAGE, re.DOTALL)
 
 

@@ -11,7 +11,7 @@ from helpers.formats import make_labels
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
-from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.label.checks import _check_exports, check_file, check_whole_numbers
 from mlsroad_pipeline.label.runs import planned_paths
 from mlsroad_pipeline.label.writer import write_labelled
@@ -148,10 +148,10 @@ def test_a_confidence_that_cannot_be_kept_is_named(tmp_path):
 
 
 def test_least_scores_by_kind():
-    assert LabelParameters("in", "out").least_scores == {"pole": 0.3, "sign": 0.5, "vehicle": 0.4, "tree": 0.4}
+    assert LabelParameters("in", "out").least_scores == {"pole": 0.3, "sign": 0.4, "vehicle": 0.4, "tree": 0.4}
     assert LabelParameters("in", "out", least_score=0.2).least_scores == dict.fromkeys(LEAST_SCORES, 0.2)
     found = LabelParameters("in", "out", least_score={"pole": 0.2}).least_scores
-    assert found == {"pole": 0.2, "sign": 0.5, "vehicle": 0.4, "tree": 0.4}
+    assert found == {"pole": 0.2, "sign": 0.4, "vehicle": 0.4, "tree": 0.4}
 
 
 @pytest.mark.parametrize(

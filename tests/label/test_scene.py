@@ -11,6 +11,7 @@ from helpers.planted_method import plant_method
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.inventory.lines.barriers import join_barriers
 from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import join_markings
 from mlsroad_pipeline.algorithms.inventory.objects.sightings import visit_columns
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
@@ -151,3 +152,21 @@ def test_two_scanner_heads_known_by_their_source_reach_the_markings(monkeypatch,
 def test_a_model_without_a_scheme_is_named(monkeypatch):
     with pytest.raises(ParameterError, match="model 'planted' has no class scheme in its metadata"):
         output_codes(planted(monkeypatch), "asprs", {})
+
+
+def test_a_fence_reaches_the_barriers_without_outliers_and_buffers(monkeypatch, rng):
+    classes = {"ground": {"members": ["road"], "asprs": 11}, "fence": {"members": ["fence", "wall"], "asprs": 68}}
+    scheme = ClassScheme.from_config("planted", {"classes": classes, "ignore": ["unlabelled"]})
+    bundle = planted(monkeypatch, scheme=asdict(scheme), classes=list(scheme.classes))
+    flat = np.column_stack([rng.random((20_000, 2)) * [7, 4], rng.random(20_000) * 0.02])
+    fence = np.column_stack([rng.random(3000) * 7, 2 + rng.normal(0, 0.02, 3000), rng.random(3000) * 1.5])
+    xyz = np.concatenate([flat, fence]).astype(np.float32)
+    core, n = xyz[:, 0] < 5, len(xyz)
+    columns = {"core": core, "file": np.zeros(n, np.int16), "row": np.arange(n, dtype=np.int64)}
+    settings = LabelSettings(output_codes(bundle, "asprs", {}), object_rules(bundle, {}))
+    found = label_new_scene(PointCloud(xyz, columns), bundle, settings, name="s")
+    (line,) = join_barriers([found["barriers"]]).to_dict("records")
+    assert line["kind"] == "barrier" and line["length"] == pytest.approx(4.6, abs=0.5)
+    assert line["height"] == pytest.approx(1.4, abs=0.15)
+    stray = PointCloud(xyz, {**columns, "outlier": np.arange(n) >= len(flat)})
+    assert len(label_new_scene(stray, bundle, settings, name="s")["barriers"]) == 0

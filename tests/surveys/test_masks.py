@@ -213,6 +213,7 @@ def test_class_maps_are_read_from_csv_and_yaml(tmp_path, scheme):
         ("a.csv", "number,name,class\n0,road\n", r"line 2 has not the 3 columns"),
         ("a.csv", "number,class\n0,street\n", r"'street' is neither a class of scheme 'tomic2019' nor"),
         ("a.yml", "- road\n", r"must map class numbers to classes"),
+        ("a.yml", "- sidewalk\n" * 9, r"not \['sidewalk', .*'sid\.\.\.$"),
         ("a.yml", "0: [road]\n", r"class number 0 has \['road'\]"),
         ("a.yml", "0: {\n", r"not YAML"),
         ("a.yml", "0: road\n1: car\n0: tree\n", r"a\.yml: class number 0 is repeated"),

@@ -6,6 +6,7 @@ import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.inventory.road.table import ROAD_FIELDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.formats.crs import parse_crs
 from mlsroad_pipeline.surveys.reading import find_corridor
@@ -66,6 +67,8 @@ def test_times_keep_a_tenth_of_a_microsecond(tmp_path):
         ("# nothing\n", "no positions in the file"),
         ("time,x,y,z\n", "no positions in the file"),
         ("lat,lon,z\n1,2,3\n", "a trajectory needs the column x .its first line: lat, lon, z."),
+        ("object_id,kind,x,y,z\n1,pole,2,3,4\n", r"a table of results \(column object_id\), not a trajectory"),
+        (f"{','.join(ROAD_FIELDS)}\n0.5,1,2,3\n", r"a table of results \(column clearance, crossfall, station\)"),
         ("time,x,y,z\n1,2,3,4\n1,2,three,4\n", "line 3: y is 'three', not a number"),
         ("1 2 3 4\n2 3 4\n", "line 2 has 3 values, 4 are needed"),
     ],

@@ -118,7 +118,7 @@ def import_corrections(
         console = output_console()
         console.print(f"{len(found)} new corrections from {path}{matched}.", markup=False)
         if unread:
-            console.print(f"Not compared, or not as it stands ({len(unread)}):", markup=False)
+            console.print(f"Not compared, not as it stands, or far away ({len(unread)}):", markup=False)
         for note in unread:
             console.print(f"  {note}", markup=False)
         for action in dict.fromkeys(correction.action for correction in found):

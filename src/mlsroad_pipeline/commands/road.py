@@ -61,7 +61,7 @@ def road(  # typer reads the options from the signature
             labelled, inventory = LabelledOutput.at(folder), Delivery(Path(folder)).corrected
             along = read_trajectory(places[1], crs=inventory.crs) if path is not None else None
             found = measure_road(labelled, inventory, trajectory=along, envelope=size, at=stations)
-            written = write_measures(found, target, survey=folder, envelope=envelope)
+            written = write_measures(found, target, survey=labelled, envelope=envelope)
         print_road(output_console(), found)
         print_warnings(output_console(), logged)
         for place in written:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from PIL import Image, UnidentifiedImageError
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import shortened
 from mlsroad_pipeline.algorithms.metrics.scores import check_scores
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.store_files import sync_folder
@@ -189,7 +190,7 @@ class HtmlReportDataset(ReportFileDataset[str, str]):
     def save(self, data: str) -> None:
         """Write the page."""
         if not isinstance(data, str) or not data.lstrip().lower().startswith("<!doctype html"):
-            raise DataError(f"{self._filepath}: needs an HTML page, got {str(data)[:40]!r}")
+            raise DataError(f"{self._filepath}: needs an HTML page, got {shortened(data, 40)!r}")
         if self._run is None:
             self.write_bytes(data.encode("utf-8"))
             return

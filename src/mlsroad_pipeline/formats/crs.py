@@ -11,8 +11,9 @@ import pyproj
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.plain_text import shortened
+from mlsroad_pipeline.formats.base import BY_CRS, ReadOptions
 from mlsroad_pipeline.formats.files import FileKey, file_key, log_once, unpacked_name, write_atomic
-from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 
 SIDECAR = ".prj"
 LARGEST = 1 << 20
@@ -49,7 +50,7 @@ def is_same_crs(one: str, other: str) -> bool:
 
 def crs_label(crs: str | None) -> str:
     """Return a short name of a CRS for messages."""
-    return "none" if crs is None else crs.partition('"')[2].partition('"')[0] or crs[:40]
+    return "none" if crs is None else crs.partition('"')[2].partition('"')[0] or shortened(crs, 40)
 
 
 def _stem(path: Path) -> str:
@@ -69,7 +70,7 @@ def _sidecar(key: FileKey) -> str | None:
         text = stream.read(LARGEST).decode("utf-8-sig", "replace").strip()
     system = parsed_crs(text)
     if system is None:
-        log_once(key[0], f"holds no coordinate reference system that PROJ can parse: {text[:60]!r}")
+        log_once(key[0], f"holds no coordinate reference system that PROJ can parse: {shortened(text, 60)!r}")
         return None
     log_once(key[0], f"holds the coordinate reference system {system.name}")
     return str(system.to_wkt())

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError, ReadError
-from mlsroad_pipeline.algorithms.core.plain_text import printable
+from mlsroad_pipeline.algorithms.core.plain_text import printable, shortened
 
 logger = logging.getLogger(__name__)
 
@@ -87,7 +87,7 @@ def named_errors(path: str | Path, what: str) -> Iterator[None]:
             raise
         raise ReadError(text if str(path) in text else f"{path}: {text}") from error
     except WRONG as error:
-        raise ReadError(f"{path}: is not {what}: {type(error).__name__}: {printable(error)[:200]}") from error
+        raise ReadError(f"{path}: is not {what}: {type(error).__name__}: {shortened(printable(error), 200)}") from error
 
 
 @contextmanager

@@ -26,7 +26,7 @@ from kedro.io import CatalogProtocol
 from kedro.pipeline import Pipeline
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
-from mlsroad_pipeline.algorithms.core.plain_text import printable, without_password
+from mlsroad_pipeline.algorithms.core.plain_text import printable, shortened, without_password
 from mlsroad_pipeline.hooks.run_details import is_parameter
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ def store_failure(error: BaseException) -> str:
     import mlflow  # noqa: PLC0415  # a run is tracked: it is loaded
 
     text = without_password(printable(error).partition(" [SQL:")[0])
-    return f"the store of MLflow {without_password(mlflow.get_tracking_uri())} failed: {text[:300]}"
+    return f"the store of MLflow {without_password(mlflow.get_tracking_uri())} failed: {shortened(text, 300)}"
 
 
 logger = logging.getLogger(__name__)

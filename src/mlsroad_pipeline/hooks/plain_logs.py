@@ -16,11 +16,14 @@ DOTS = "One or more dataset names contain '.'"
 """Kedro warns of dots at every command; here they serve catalog factories such as "{method}.labels"."""
 TYPE_HINTS = "Add type hints to the `predict` method"
 """MLflow warns of a class of kedro-mlflow at its import; its own filters replace those of the process meanwhile."""
+RESOLVERS = r"register_new_resolver\(\) is deprecated"
+"""OmegaConf 2.4 warns of a call of Kedro 1.7 and kedro-mlflow 2.0 in every session."""
 
 
 def silence() -> None:
-    """Drop the two warnings above, which precede the first hook; all others are shown as before."""
-    warnings.filterwarnings("ignore", message=DOTS, category=UserWarning)
+    """Drop the warnings above, which precede the first hook; all others are shown as before."""
+    for message in (DOTS, RESOLVERS):
+        warnings.filterwarnings("ignore", message=message, category=UserWarning)
     show = warnings.showwarning
 
     def show_others(message: Warning | str, *rest: Any, **named: Any) -> None:

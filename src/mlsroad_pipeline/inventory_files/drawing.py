@@ -2,7 +2,7 @@
 
 import io
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,14 @@ from pyproj import CRS
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.formats.files import write_atomic
 from mlsroad_pipeline.inventory_files.qgis_styles import COLOURS, LINE_COLOURS
-from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, checked, hulls, line_vertices, note_columns
+from mlsroad_pipeline.inventory_files.road_inventory import (
+    Layer,
+    RoadInventory,
+    checked,
+    hulls,
+    line_vertices,
+    note_columns,
+)
 from mlsroad_pipeline.inventory_files.vector_files import crs_name, write_prj
 
 VERSION = "R2010"
@@ -34,7 +41,8 @@ ATTRIBUTES = (
 )  # fmt: skip
 """Fields that are attributes of the blocks; those that an object lacks are left out."""
 
-_TEXT_HEIGHT = 0.2  # of invisible attributes, metres
+_TEXT_HEIGHT = 0.2  # of attributes and measures, metres
+_ROAD_COLOUR = (200, 80, 30)
 _FORBIDDEN = re.compile(r"[<>/\\\":;?*|=,`]")
 
 
@@ -135,6 +143,23 @@ def _add_lines(doc: Drawing, space: Modelspace, lines: pd.DataFrame) -> None:
         line.set_xdata(APPLICATION, [(1071, int(number))])
 
 
+def _add_road(doc: Drawing, space: Modelspace, road: Mapping[str, Layer]) -> None:
+    """Add sections, widths and sight as 3D polylines, and places inside the envelope as points with their measure."""
+    for name, (rows, shapes, _) in road.items():
+        if name == "road":  # its parts are those of the sections
+            continue
+        attributes = {"layer": name}
+        doc.layers.add(name).rgb = _ROAD_COLOUR
+        for row, shape in zip(rows.to_dict("records"), shapes, strict=True):
+            places = shapely.get_coordinates(shape, include_z=True).tolist()
+            if len(places) > 1:
+                space.add_polyline3d(places, dxfattribs=attributes)
+                continue
+            space.add_point(places[0], dxfattribs=attributes)
+            text = f"{row['state']} {row['height']:.2f} m"
+            space.add_text(text, height=_TEXT_HEIGHT, dxfattribs=attributes).set_placement(places[0])
+
+
 def _drawn(inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> Drawing:
     doc = new(VERSION, units=units.M)
     doc.appids.add(APPLICATION)
@@ -151,6 +176,7 @@ def _drawn(inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> Dr
     if inventory.trajectory is not None:
         doc.layers.add("trajectory").rgb = (130, 60, 160)
         space.add_polyline3d(inventory.trajectory.xyz.tolist(), dxfattribs={"layer": "trajectory"})
+    _add_road(doc, space, inventory.road)
     if len(table):
         doc.header["$EXTMIN"] = tuple(table[["x_min", "y_min", "z_min"]].min())
         doc.header["$EXTMAX"] = tuple(table[["x_max", "y_max", "z_max"]].max())
@@ -158,7 +184,7 @@ def _drawn(inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> Dr
 
 
 def write_dxf(inventory: RoadInventory, folder: Path) -> list[Path]:
-    """Write ``inventory.dxf`` (AutoCAD 2010): blocks with attributes, outlines, lines, the path; and its ``.prj``.
+    """Write ``inventory.dxf`` (AutoCAD 2010): blocks with attributes, outlines, lines, path, road; and its ``.prj``.
 
     Layers are named after the classes. Blocks lie at the base points with their elevations. The drawing is in metres;
     its custom property `CRS` names the coordinate reference system.

@@ -26,7 +26,7 @@ OBJECT_TYPES = {"pole": "pole", "tree": "tree", "vehicle": "obstacle"}
 """Kind to type of an object; signs are signals."""
 
 LINE_TYPES = {
-    "kerb": "barrier", "wire": "obstacle", "lane_line": "roadMark", "stop_line": "roadMark",
+    "kerb": "barrier", "wire": "obstacle", "barrier": "barrier", "lane_line": "roadMark", "stop_line": "roadMark",
     "crossing": "crosswalk", "other_marking": "roadMark",
 }  # fmt: skip
 """Kind of a line to type of an object with an open outline."""

@@ -125,6 +125,7 @@ _RULES: dict[str, tuple[str, Sequence[tuple[str, str, _Symbols]]]] = {
     "footprints": ("fill", [("outline of what was seen", _ALL, _FOOTPRINT)]),
     "kerbs": ("line", [("foot of a kerb", _ALL, _line(LINE_COLOURS["kerb"]))]),
     "wires": ("line", [("overhead wire", _ALL, _line(LINE_COLOURS["wire"]))]),
+    "barriers": ("line", [("foot of a wall, fence or guard rail", _ALL, _line(LINE_COLOURS["barrier"]))]),
     "lane_lines": ("line", [("lane or edge line", _ALL, _line(LINE_COLOURS["lane_line"]))]),
     "stop_lines": ("line", [("stop line", _ALL, _line(LINE_COLOURS["stop_line"]))]),
     "crossings": ("line", [("crossing, along its middle", _ALL, _line(LINE_COLOURS["crossing"]))]),

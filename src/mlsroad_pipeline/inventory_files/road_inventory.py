@@ -4,8 +4,8 @@ import errno
 import filecmp
 import shutil
 import tempfile
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +37,10 @@ DECIDED = ("key", "complete", "motion", "first_date", "pole_type", "panel_shape"
 """Columns that files of earlier versions lack; they are read as empty."""
 
 
+Layer = tuple[pd.DataFrame, np.ndarray, str]
+"""Rows of a layer, their shapely shapes, and the type of the shapes, such as ``LineString Z``."""
+
+
 @dataclass(frozen=True)
 class RoadInventory:
     """Road objects of a survey, with their reference system and the trajectory."""
@@ -48,6 +52,8 @@ class RoadInventory:
     sections: pd.DataFrame | None = None  # Objects per section of the road, of `section_table`
     # Kerbs, wires and markings: columns of `LINE_FIELDS`, as `join_kerbs` returns them
     lines: pd.DataFrame | None = None
+    # Measures of the road by layer, of `read_road`; empty where they were not measured
+    road: Mapping[str, Layer] = field(default_factory=dict)
 
 
 def fields_of_layer(layer: str) -> dict[str, Field]:

@@ -17,9 +17,13 @@ from pyproj.exceptions import ProjError
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS
+from mlsroad_pipeline.algorithms.inventory.road.places import PLACE_FIELDS
+from mlsroad_pipeline.algorithms.inventory.road.sight import SIGHT_FIELDS
+from mlsroad_pipeline.algorithms.inventory.road.table import ROAD_FIELDS
 from mlsroad_pipeline.formats.files import write_atomic
 from mlsroad_pipeline.inventory_files.road_inventory import (
     ATTRIBUTE,
+    Layer,
     RoadInventory,
     attributes,
     base_points,
@@ -45,7 +49,10 @@ SHAPEFILE_NAMES = {
     "visible_share": "visible", "point_count": "points", "disagreeing_share": "other_cls", "file_count": "files",
     "passes_there": "passes_of", "scanners_there": "scanner_of", "least_height": "height_min",
     "most_height": "height_max", "from_station": "from_stat", "first_time": "first_sec", "last_time": "last_sec",
-    "model_version": "model", "checked_class": "checked",
+    "model_version": "model", "checked_class": "checked", "left_offset": "left_off", "right_offset": "right_off",
+    "clearance_offset": "clear_off", "clearance_class": "clear_cls", "clearance_object": "clear_obj",
+    "intrusion_offset": "intr_off", "intrusion_class": "intr_cls", "intrusion_object": "intr_obj",
+    "least_width": "width_min", "least_clearance": "clear_min",
 }  # fmt: skip
 """Field to its name of at most ten characters in a Shapefile; the others keep theirs."""
 
@@ -98,7 +105,10 @@ def write_csv(inventory: RoadInventory, folder: Path) -> list[Path]:
     write_atomic(types, text.encode())
     written += [types, *write_prj(crs, target.with_suffix(".prj"))]
     written += _write_table(inventory.sections, folder / "sections.csv")
-    return [*written, *_write_table(inventory.lines, folder / "lines.csv")]
+    written += _write_table(inventory.lines, folder / "lines.csv")
+    for name, (rows, _, _) in inventory.road.items():
+        written += _write_table(rows, folder / f"{name}.csv")
+    return written
 
 
 def _write_table(table: pd.DataFrame | None, path: Path) -> list[Path]:
@@ -134,15 +144,20 @@ def write_geojson(inventory: RoadInventory, folder: Path) -> list[Path]:
     options = {"RFC7946": "YES", "COORDINATE_PRECISION": "9", "ID_FIELD": "id"}
     columns = attributes(table).assign(crs=crs_name(crs), id=table["object_id"])
     written = _write(target, columns, points, "Point Z", _WGS84, driver="GeoJSON", layer="objects", options=options)
-    if inventory.lines is None:
-        return written
-    further = folder / "lines.geojson"
-    change = to_wgs84(crs, str(further)).transform
-    lines = shapely.transform(line_shapes(inventory.lines), change, include_z=True, interleaved=False)
-    columns = line_attributes(inventory.lines).assign(crs=crs_name(crs), id=inventory.lines["line_id"])
-    return written + _write(
-        further, columns, lines, "LineString Z", _WGS84, driver="GeoJSON", layer="lines", options=options
-    )
+    change = to_wgs84(crs, str(target)).transform
+    for layer, (rows, shapes, kind) in further_layers(inventory).items():
+        moved = shapely.transform(shapes, change, include_z=True, interleaved=False)
+        columns = rows.assign(crs=crs_name(crs), id=rows["line_id"] if layer == "lines" else range(1, len(rows) + 1))
+        place = folder / f"{layer}.geojson"
+        written += _write(place, columns, moved, kind, _WGS84, driver="GeoJSON", layer=layer, options=options)
+    return written
+
+
+def further_layers(inventory: RoadInventory) -> dict[str, Layer]:
+    """Return the layers beside the objects that formats of one layer write as files: lines, measures of the road."""
+    lines = inventory.lines
+    own = {} if lines is None else {"lines": (line_attributes(lines), line_shapes(lines), "LineString Z")}
+    return own | dict(inventory.road)
 
 
 def crs_name(crs: CRS | None) -> str:
@@ -158,23 +173,20 @@ def write_flatgeobuf(inventory: RoadInventory, folder: Path) -> list[Path]:
     written = _write(
         target, attributes(table), base_points(table), "Point Z", crs, driver="FlatGeobuf", layer="objects"
     )
-    if (lines := inventory.lines) is not None:
-        layer: tuple[Any, ...] = (folder / "lines.fgb", line_attributes(lines), line_shapes(lines), "LineString Z", crs)
-        written += _write(*layer, driver="FlatGeobuf", layer="lines")
+    for layer, parts in further_layers(inventory).items():
+        written += _write(folder / f"{layer}.fgb", *parts, crs, driver="FlatGeobuf", layer=layer)
     return written
 
 
 def write_gml(inventory: RoadInventory, target: Path) -> list[Path]:
-    """Write the base points with all fields as GML 3.2, its lines as ``..._lines.gml``, each with its schema."""
+    """Write the base points with all fields as GML 3.2, lines and others as ``..._lines.gml``, each with its schema."""
     table, crs = checked(inventory, target)
     if crs is not None and crs.to_authority() is None:
         logger.warning("%s has no reference system: GML names them by codes, and %r has none", target, crs.name)
     options: dict[str, Any] = {"driver": "GML", "dataset_options": {"FORMAT": "GML3.2"}}
     written = _write(target, attributes(table), base_points(table), "Point Z", crs, layer="objects", **options)
-    if (lines := inventory.lines) is not None:
-        further = target.with_name(f"{target.stem}_lines.gml")
-        parts = line_attributes(lines), line_shapes(lines), "LineString Z", crs
-        written += _write(further, *parts, layer="lines", **options)
+    for layer, parts in further_layers(inventory).items():
+        written += _write(target.with_name(f"{target.stem}_{layer}.gml"), *parts, crs, layer=layer, **options)
     return written
 
 
@@ -255,8 +267,7 @@ def write_shapefile(inventory: RoadInventory, folder: Path) -> list[Path]:
     ]
     if inventory.trajectory is not None:
         layers.append(("trajectory", *path_of(inventory.trajectory), "LineString Z"))
-    if inventory.lines is not None:
-        layers.append(("lines", line_attributes(inventory.lines), line_shapes(inventory.lines), "LineString Z"))
+    layers += [(layer, *parts) for layer, parts in further_layers(inventory).items()]
     written: list[Path] = []
     for layer, rows, geometry, kind in layers:
         path = target / f"{layer}.shp"
@@ -264,10 +275,10 @@ def write_shapefile(inventory: RoadInventory, folder: Path) -> list[Path]:
         short = _short(rows, path)
         parts = _write(path, short, geometry, kind, crs, driver="ESRI Shapefile", layer=layer, options=options)
         written += sorted(parts, key=lambda part: part != path)  # the file that programs open comes first
-    names = [str(name) for name in columns]
-    if inventory.lines is not None:
-        names += [name for name in LINE_FIELDS if name != "line" and name not in names]
-    fields, shorter = {**LINE_FIELDS, **fields_with_notes(columns)}, _short_names(names)
+    tables = [columns, *(rows for rows, _, _ in further_layers(inventory).values())]
+    fields = {**PLACE_FIELDS, **SIGHT_FIELDS, **ROAD_FIELDS, **LINE_FIELDS, **fields_with_notes(columns)}
+    names = [name for name in dict.fromkeys(str(name) for rows in tables for name in rows) if name in fields]
+    shorter = _short_names(names)
     described = [(shorter[name], name, fields[name].alias, fields[name].description) for name in names]
     table = pd.DataFrame(described, columns=["shapefile_field", "field", "alias", "description"])
     write_atomic(target / "fields.csv", table.to_csv(index=False, lineterminator="\n").encode())

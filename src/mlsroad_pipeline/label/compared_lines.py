@@ -50,7 +50,7 @@ class _Surroundings(NamedTuple):
 
 
 def compared_lines(first: Recorded, second: Recorded) -> ComparedLines:
-    """Return the states of kerbs, wires and markings of two surveys in one reference system."""
+    """Return the states of the lines of two surveys in one reference system."""
     tables = [_lines_of(survey) for survey in (first, second)]
     lines = [Lines(table["kind"].tolist(), vertices) for table, vertices in tables]
     parts = compare_lines(*lines)
@@ -116,6 +116,9 @@ def _evidence(part: LinePart, own: _Surroundings, other: _Surroundings, width: f
         # Rays into the sky have no points: only another wire proves that wires were seen here.
         seen = len(other.wires) and cKDTree(other.wires[:, :2]).query(places[:, :2])[0].max() <= of_lines.OTHER_WIRE
         return of_lines.ABSENT if seen else of_lines.UNSEEN
+    if kind == "barrier":
+        rows = other.of(places)
+        return of_lines.barrier_seen(other.xyz[rows], other.is_ground[rows], places)
     measures = []
     for around in (own, other):
         rows = around.of(places)

@@ -14,9 +14,9 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_KINDS
 from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import paved_classes
-from mlsroad_pipeline.algorithms.inventory.objects.keys import lasting_keys
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, KINDS, ObjectRule
 from mlsroad_pipeline.algorithms.inventory.objects.sections import line_lengths, section_table
+from mlsroad_pipeline.algorithms.inventory.objects.table import lasting_keys
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
 from mlsroad_pipeline.algorithms.scenes.corridor import corridor_from_arrays
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
@@ -63,7 +63,7 @@ def objects_task(
     passes = {pass_key: scenes_of(pass_key, results) for pass_key in plan.passes()}
     parts: dict[str, Any] = {
         name: {pass_key: Deferred(tuple(stored[key] for key in keys)) for pass_key, keys in passes.items()}
-        for name in ("objects", "fragments", "evidence", "kerbs", "wires", "markings")
+        for name in ("objects", "fragments", "evidence", "kerbs", "wires", "barriers", "markings")
         for stored in [results.part(name)]
     }
     parts["sightings"] = Deferred(tuple(results.part("sightings").values()))

@@ -8,6 +8,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
+from mlsroad_pipeline.algorithms.inventory.lines.barriers import join_barriers
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import numbered
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import join_kerbs
 from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import join_markings
@@ -91,6 +92,7 @@ def join_objects(
     sightings: Sequence[StoredResult],
     kerbs: Mapping[str, Sequence[StoredResult]],
     wires: Mapping[str, Sequence[StoredResult]],
+    barriers: Mapping[str, Sequence[StoredResult]],
     markings: Mapping[str, Sequence[StoredResult]],
     model: ModelBundle,
     *,
@@ -111,7 +113,7 @@ def join_objects(
         scenes = _StoredObjects(objects[pass_key], fragments[pass_key], evidence[pass_key])
         trajectory = corridor if isinstance(corridor, Trajectory) else None
         passes.append((scenes, trajectory))
-        stored = kerbs[pass_key], wires[pass_key], markings[pass_key]
+        stored = kerbs[pass_key], wires[pass_key], barriers[pass_key], markings[pass_key]
         lines.append(_lines_of_pass(*stored, trajectory, least_kerb=least_kerb, least_marking=least_marking))
     scorer = classifier_of(model) if classifier else None
     joined, numbers = join_inventories(
@@ -136,18 +138,20 @@ def join_objects(
 def _lines_of_pass(
     kerbs: Sequence[StoredResult],
     wires: Sequence[StoredResult],
+    barriers: Sequence[StoredResult],
     markings: Sequence[StoredResult],
     trajectory: Trajectory | None,
     *,
     least_kerb: float,
     least_marking: float,
 ) -> pd.DataFrame:
-    """Return the kerbs, wires and markings of a pass; shorter kerbs and markings are left out, metres."""
+    """Return the lines of a pass; shorter kerbs and markings are left out, metres."""
     kerb_lines = join_kerbs([stored.load() for stored in kerbs], trajectory, least_length=least_kerb)
     wire_lines = join_wires([stored.load() for stored in wires], trajectory)
     stripes = [stored.load() for stored in markings]
     marking_lines = join_markings(stripes, trajectory, kerbs=kerb_lines, least_length=least_marking)
-    return numbered([kerb_lines, wire_lines, marking_lines])
+    barrier_lines = join_barriers([stored.load() for stored in barriers], trajectory)
+    return numbered([kerb_lines, wire_lines, barrier_lines, marking_lines])
 
 
 def join_inventories(

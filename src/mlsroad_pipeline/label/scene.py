@@ -13,8 +13,13 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.geometry.thinning import first_in_cells
-from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import ground_classes, kerb_steps, no_steps
-from mlsroad_pipeline.algorithms.inventory.lines.kerbs.steps import StepLimits
+from mlsroad_pipeline.algorithms.inventory.lines.barriers import barrier_cells
+from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import (
+    StepLimits,
+    ground_classes,
+    kerb_steps,
+    no_steps,
+)
 from mlsroad_pipeline.algorithms.inventory.lines.markings.brightness import scanner_pass_of
 from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import (
     marking_stripes,
@@ -138,7 +143,8 @@ class LabelledScene(TypedDict):
     """Stored parts of a labelled scene.
 
     `objects`, `fragments` and `evidence` are those of `SceneObjects`, `kerbs` the steps of `kerb_steps`, `wires` the
-    points of `wire_points`, `markings` the stripes of `marking_stripes`, `doubts` the clusters of `scene_doubts`.
+    points of `wire_points`, `barriers` the cells of `barrier_cells`, `markings` the stripes of `marking_stripes`,
+    `doubts` the clusters of `scene_doubts`.
     """
 
     labels: CoreLabels
@@ -152,6 +158,7 @@ class LabelledScene(TypedDict):
     doubts: pd.DataFrame
     kerbs: pd.DataFrame
     wires: pd.DataFrame
+    barriers: pd.DataFrame
     markings: pd.DataFrame
 
 
@@ -188,6 +195,9 @@ def label_new_scene(
         "doubts": scene_doubts(scene, label, height, scheme),
         "kerbs": _kerbs(scene, label, height, scheme, settings.kerbs),
         "wires": wire_points(scene.xyz, height, wire_probability(evidence), core=core, origin=scene.origin),
+        "barriers": barrier_cells(
+            *(scene.xyz, height, label), scheme=scheme, core=core & inliers(scene), origin=scene.origin
+        ),
         "markings": _markings(scene, label, height, scheme, settings.least_contrast),
     }
 

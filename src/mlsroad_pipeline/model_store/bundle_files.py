@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError, ReadError
-from mlsroad_pipeline.algorithms.core.plain_text import printable
+from mlsroad_pipeline.algorithms.core.plain_text import printable, shortened
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.models.array_checks import check_model_arrays
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
@@ -112,7 +112,7 @@ def _check_mappings(metadata: Mapping[str, Any], name: str) -> None:
 
 def _check_mapping(value: Any, name: str) -> None:
     if not isinstance(value, dict):
-        text = printable(json.dumps(value))[:80]
+        text = shortened(printable(json.dumps(value)))
         raise DataError(f"{name} is {text}, not a mapping: the model is damaged, copy or train it again")
 
 

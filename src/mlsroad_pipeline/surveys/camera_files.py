@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.cameras.camera import LARGEST, Camera
 from mlsroad_pipeline.algorithms.cameras.poses import PoseTrack, rotation_of
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import shortened
 from mlsroad_pipeline.formats.files import WRONG, named_errors
 from mlsroad_pipeline.surveys.images import PICTURES, PosedImage, SurveyImages, picture_size
 
@@ -142,8 +143,7 @@ def _origin(value: Any, source: Path) -> NDArray[np.float64]:
 
 
 def _short(value: object) -> str:
-    text = " ".join(repr(value).split())
-    return text if len(text) <= 80 else f"{text[:77]}..."
+    return shortened(" ".join(repr(value).split()))
 
 
 def _time(row: Mapping[str, Any], name: str, source: Path) -> float:

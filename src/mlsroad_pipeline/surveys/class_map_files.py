@@ -11,6 +11,7 @@ import yaml
 from mlsroad_pipeline.algorithms.cameras.legend import Legend
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY_NAMES, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import shortened
 
 OF_SCHEME = "scheme"
 """Name of the map of a network of this package: the classes of the scheme, then the sky."""
@@ -90,7 +91,7 @@ def _yaml_rows(text: str, source: str) -> list[tuple[Any, Any, Any]]:
     except (yaml.YAMLError, ValueError) as error:
         raise ReadError(f"{source}: not YAML: {' '.join(str(error).split())}") from error
     if not isinstance(given, dict):
-        raise ReadError(f"{source}: must map class numbers to classes, such as `0: road`, not {given!r:.60}")
+        raise ReadError(f"{source}: must map class numbers to classes, such as `0: road`, not {shortened(repr(given))}")
     repeated = next((key for k, key in enumerate(keys) if key in keys[:k]), None)
     if repeated is not None:
         raise ReadError(f"{source}: class number {repeated} is repeated")
@@ -101,7 +102,8 @@ def _yaml_rows(text: str, source: str) -> list[tuple[Any, Any, Any]]:
         elif value is None or isinstance(value, str):
             rows.append((number, value, value))
         else:
-            raise ReadError(f"{source}: class number {number} has {value!r:.60}, not a class or {{name, class}}")
+            shown = shortened(repr(value))
+            raise ReadError(f"{source}: class number {number} has {shown}, not a class or {{name, class}}")
     return rows
 
 

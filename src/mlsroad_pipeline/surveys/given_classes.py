@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.cameras.legend import Legend
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.codings import NOISE_CODES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
-from mlsroad_pipeline.algorithms.core.las_codes import NOISE_CODES
-from mlsroad_pipeline.algorithms.core.plain_text import printable
+from mlsroad_pipeline.algorithms.core.plain_text import printable, shortened
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.kitti import read_labels
@@ -217,7 +217,7 @@ def _array(source: Path) -> NDArray:
     except ReadError:
         raise
     except DAMAGED as error:
-        message = f"{type(error).__name__}: {printable(error)[:200]}"
+        message = f"{type(error).__name__}: {shortened(printable(error), 200)}"
         raise ReadError(f"{source}: cannot be read as {source.suffix[1:].upper()}: {message}") from error
 
 

@@ -17,7 +17,7 @@ from PIL import UnidentifiedImageError
 
 from mlsroad_pipeline.algorithms.cameras.camera import Camera
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ReadError
-from mlsroad_pipeline.algorithms.core.plain_text import printable
+from mlsroad_pipeline.algorithms.core.plain_text import printable, shortened
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 """Suffixes of pictures, which the name of an image may lack."""
@@ -98,7 +98,7 @@ def _readable(path: Path) -> Iterator[Picture.Image]:
     except MlsRoadError:
         raise
     except _DAMAGED as error:
-        raise ReadError(f"{path}: cannot be read as a picture: {printable(error)[:200]}") from error
+        raise ReadError(f"{path}: cannot be read as a picture: {shortened(printable(error), 200)}") from error
 
 
 @dataclass(frozen=True)

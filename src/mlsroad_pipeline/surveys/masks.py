@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.cameras.camera import Camera
 from mlsroad_pipeline.algorithms.cameras.legend import Legend
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.algorithms.core.plain_text import printable
+from mlsroad_pipeline.algorithms.core.plain_text import printable, shortened
 from mlsroad_pipeline.surveys.images import PICTURES, PosedImage, SurveyImages, opened_picture
 
 SUFFIXES = (".npz", ".png")
@@ -156,7 +156,7 @@ def _shape_of(path: Path, camera: Camera) -> tuple[int, ...]:
 
 
 def _no_npz(path: Path, error: Exception) -> ReadError:
-    return ReadError(f"{path}: cannot be read as NPZ: {type(error).__name__}: {printable(error)[:200]}")
+    return ReadError(f"{path}: cannot be read as NPZ: {type(error).__name__}: {shortened(printable(error), 200)}")
 
 
 def _probabilities(path: Path, camera: Camera) -> NDArray[np.floating]:

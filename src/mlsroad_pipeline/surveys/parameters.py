@@ -9,13 +9,12 @@ from typing import Any
 from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.algorithms.core.validation import check_positive
-from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import LEAST_LENGTH
-from mlsroad_pipeline.algorithms.inventory.lines.kerbs.steps import StepLimits
+from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import LEAST_LENGTH, StepLimits
 from mlsroad_pipeline.algorithms.inventory.lines.markings import marking_lines
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.models.given_labels.labeller import SLUG as GIVEN_LABELS
+from mlsroad_pipeline.formats.base import NEW_SURVEY, TAXONOMY_CODING, ReadOptions
 from mlsroad_pipeline.formats.crs import parse_crs
-from mlsroad_pipeline.formats.options import NEW_SURVEY, TAXONOMY_CODING, ReadOptions
 from mlsroad_pipeline.surveys.given_classes import GivenParameters
 
 
@@ -54,7 +53,7 @@ class SurveyParameters:
         return ReadOptions.from_config({**self.read, "coding": coding})
 
 
-LEAST_SCORES = {"pole": 0.3, "sign": 0.5, "vehicle": 0.4, "tree": 0.4}
+LEAST_SCORES = {"pole": 0.3, "sign": 0.4, "vehicle": 0.4, "tree": 0.4}
 """Least score of a listed object of a kind that `label.least_score` does not name: best F on simulated streets and
 known blocks of Oakland."""
 

@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.algorithms.core.plain_text import printable
+from mlsroad_pipeline.algorithms.core.plain_text import printable, shortened
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.algorithms.scenes.weeks import LEAP_SECONDS, WEEK, base_shift
 from mlsroad_pipeline.formats.crs import reproject
@@ -99,6 +99,9 @@ _NAMES = {
     "y": ("y", "northing", "north", "n"),
     "z": ("z", "height", "altitude", "elevation", "up", "h"),
 }
+_RESULTS = ({"object_id"}, {"station", "crossfall", "clearance"})
+"""Columns of tables of results that have coordinates too: objects, and measures of the road."""
+
 _COMMENTS = ("#", "%", "//")
 _DECIMAL_COMMA = re.compile(r"^([-+]?\d*),(\d+(?:[eE][-+]?\d+)?)$")
 
@@ -133,8 +136,13 @@ def _read_trajectory(source: Path, crs: str | None, factors: NDArray[np.float64]
     names = [_meaning(name) for name in rows[0][1]] if has_names else said or ["time", "x", "y", "z"]
     missing = [name for name in ("x", "y", "z") if name not in names]
     if missing:
-        has = printable(", ".join(rows[0][1][:8]))[:80]
+        has = shortened(printable(", ".join(rows[0][1])))
         raise ReadError(f"{source}: a trajectory needs the column {missing[0]} (its first line: {has})")
+    if result := next((columns for columns in _RESULTS if columns <= {*names}), None):
+        raise ReadError(
+            f"{source}: a table of results (column {', '.join(sorted(result))}), not a trajectory: name the path of "
+            "the vehicle"
+        )
     columns_of = {name: names.index(name) for name in _NAMES if name in names}
     body = rows[1:] if has_names else rows
     if not body:

@@ -18,10 +18,10 @@ def slow_lifted(xyz, ground):
 
 
 def test_lifted_ground_is_that_of_a_slow_reference(rng):
-    xyz = rng.random((1500, 3)) * [40, 25, 1] + [3, -7, 5]
+    xyz = rng.random((500, 3)) * [24, 14, 1] + [3, -7, 5]
     xyz[:, 2] += 0.1 * xyz[:, 0]
-    xyz[::40, 2] += rng.random(len(xyz[::40])) * 6
-    ground = rng.random(1500) < 0.8
+    xyz[::20, 2] += rng.random(len(xyz[::20])) * 6
+    ground = rng.random(500) < 0.8
     found = lifted_ground(xyz, ground)
     assert np.array_equal(found, slow_lifted(xyz, ground)) and 5 < found.sum() < 40
 

@@ -41,9 +41,9 @@ def street(seed):
 
 @pytest.fixture(scope="module")
 def model():
-    tables = [facts_of_changes(street(seed), GroundParameters(), seed=1) for seed in range(14)]
+    tables = [facts_of_changes(street(seed), GroundParameters(), seed=1) for seed in range(9)]
     plain = ModelBundle("tests_trees", {"values": np.arange(3.0)}, {"classes": ["a"]})
-    return with_familiarity(plain, tables, ["one"] * 14)
+    return with_familiarity(plain, tables, ["one"] * 9)
 
 
 def test_changes_have_their_kinds_and_every_kind_occurs():

@@ -24,10 +24,18 @@ def labelled(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def saved(labelled, tmp_path_factory):
+    """The inventory as QGIS saves it."""
+    path = tmp_path_factory.mktemp("saved") / "edited.gpkg"
+    save_as_tables(labelled / "inventory.gpkg", path)
+    return path
+
+
 @pytest.fixture
-def folder(labelled, tmp_path):
+def folder(labelled, saved, tmp_path):
     shutil.copytree(labelled, tmp_path / "out")
-    save_as_tables(labelled / "inventory.gpkg", tmp_path / "edited.gpkg")
+    shutil.copy(saved, tmp_path)
     return tmp_path / "out"
 
 
@@ -89,6 +97,14 @@ def test_new_rows_are_added_objects_and_the_export_holds_them(folder):
     assert (table.loc[6, "status"], table.loc[6, "x"], table.loc[6, "kind"]) == ("added", 490.0, "pole")
     assert "exists: name another file" in run("export", folder)[1]
     assert run("export", folder, "--overwrite", "--keep-rejected")[0] == 0
+
+
+def test_an_object_drawn_at_the_origin_is_named(folder):
+    origin = {"geometry": [shapely.Point(0.0, 0.0)], "object_id": None}
+    path = edit(folder, "objects", lambda frame: with_copy(frame, **origin))
+    code, said = run("import", path, folder)
+    assert (code, "1 new corrections" in said) == (0, True)
+    assert "1 added objects lie up to 1,030 m from the inventory, at (0, 0): check them" in said
 
 
 def test_the_export_has_added_vehicles_and_the_classes_that_users_gave(folder):
@@ -251,7 +267,11 @@ def test_names_cut_by_a_shapefile_are_read(folder):
 )  # fmt: skip
 def test_what_cannot_be_compared_is_named_and_counted(folder, change, note):
     code, said = run("import", edit(folder, "objects", change), folder)
-    assert (code, "0 new corrections" in said, "Not compared, or not as it stands (1):" in said) == (0, True, True)
+    assert (code, "0 new corrections" in said, "Not compared, not as it stands, or far away (1):" in said) == (
+        0,
+        True,
+        True,
+    )
     assert note in said
 
 

@@ -1,5 +1,6 @@
 """Lines edited in a GeoPackage come back as decisions: moved, cut, joined, deleted, drawn, of another kind."""
 
+import re
 import shutil
 
 import geopandas as gpd
@@ -204,6 +205,23 @@ def test_what_cannot_be_compared_is_named_and_counted(folder):
     assert code == 0 and "0 new corrections" in said
     assert "2 rows of layer 'kerbs' are no single line (line_id 1, new)" in said
     assert actions(folder) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "n"),
+    [
+        (lambda f: with_rows(f, [shapely.LineString([[0.0, 0, 0], [1, 0, 0]])], line_id=None), 2),
+        (reshaped([*KERBS[0][:2], [0.0, 0, 12.2]]), 1),
+        (lambda f: with_rows(f, [shapely.LineString([[500.0, 1090, 12], [510, 1090, 12]])], line_id=None), 0),
+    ],
+    ids=["drawn at the origin", "vertex at the origin", "195 m away"],
+)
+def test_lines_far_from_the_inventory_are_named(folder, change, n):
+    edit(folder, "kerbs", change)
+    code, said = run(folder)
+    assert code == 0 and "1 new corrections" in said
+    found = re.findall(r"(\d+) vertices of lines lie up to (\S+) m from the inventory, at \((\S+), 0\): check", said)
+    assert found == ([(str(n), "1,025", "0")] if n else [])
 
 
 @pytest.mark.parametrize(

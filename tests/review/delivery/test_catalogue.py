@@ -23,6 +23,8 @@ from mlsroad_pipeline.execution.run_folder import entries_of
 from mlsroad_pipeline.formats.las.copc import write_copc
 from mlsroad_pipeline.review.corrections import Correction, open_corrections
 from mlsroad_pipeline.review.delivery import catalogue
+from mlsroad_pipeline.review.delivery.page_order import deliver_order
+from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
 
 UTM = pyproj.CRS("EPSG:25833")
 CORNER = np.array([389_000.0, 5_819_000.0, 30.0])
@@ -196,6 +198,15 @@ def test_points_and_inventories_of_the_same_delivery_are_named(folder, tmp_path)
     assert "out_inventory.gpkg" not in item["assets"]
     shutil.move(new, tmp_path / "moved")
     assert all(path.is_file() for path in vpc_of(tmp_path / "moved/b.vpc"))
+
+
+def test_an_order_of_the_page_names_the_delivered_points(folder):
+    order = deliver_order(OutputFolder.find(folder), {"formats": [".vpc", ".laz", ".stac.json"]})
+    made = Path(order["folder"])
+    (clouds,), (item,) = made.glob("*.vpc"), made.glob("*.stac.json")
+    assert set(vpc_of(clouds)) == {(made / name).resolve() for name in FILES}
+    assert json.loads(item.read_text(encoding="utf-8"))["assets"].keys() >= {FILES[0], "sub_two.laz"}
+    assert {clouds.name, item.name} < set(order["files"])
 
 
 @pytest.mark.parametrize("ending", [".vpc", ".stac.json"])

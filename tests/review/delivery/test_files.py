@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from mlsroad_pipeline.commands.app import app
 from mlsroad_pipeline.review.corrections import Correction, open_corrections
-from mlsroad_pipeline.review.delivery.files import SUFFIXES
+from mlsroad_pipeline.review.delivery.page_order import FORMATS
 
 pytestmark = pytest.mark.filterwarnings("ignore:'crs' was not provided:UserWarning")  # the survey has none
 N_POINTS = 68_000
@@ -82,7 +82,7 @@ def test_opendrive_has_the_corrected_objects_and_lines(folder, tmp_path):
 
 def test_the_page_offers_every_format():
     source = (REPOSITORY / "page/src/deliver.ts").read_text(encoding="utf-8")
-    assert set(re.findall(r'\["(\.\w+)", ', source)) == set(SUFFIXES) - {".json"}
+    assert set(re.findall(r'\["(\.[\w.]+)", ', source)) == set(FORMATS) - {".json"}
 
 
 def test_several_files_after_one_option_and_a_drawing(folder, tmp_path):

@@ -49,8 +49,8 @@ KIND_COLOURS = {
 """Kind of object to the colour of its class, on maps, in the page, in QGIS and in drawings."""
 
 LINE_COLOURS = {
-    "kerb": "#b9770e", "wire": COLOURS["wire"], "lane_line": "#008caa", "stop_line": "#c81e3c", "crossing": "#e68200",
-    "other_marking": "#6e7d87",
+    "kerb": "#b9770e", "wire": COLOURS["wire"], "barrier": COLOURS["wall"], "lane_line": "#008caa",
+    "stop_line": "#c81e3c", "crossing": "#e68200", "other_marking": "#6e7d87",
 }  # fmt: skip
 """Kind of line to its colour, likewise."""
 

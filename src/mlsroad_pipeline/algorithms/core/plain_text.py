@@ -30,6 +30,18 @@ def printable(text: object) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
 
+def shortened(text: object, most: int = 80) -> str:
+    """Return a text of at most `most` characters; a longer one ends with three dots.
+
+    Examples
+    --------
+    >>> shortened("road, sidewalk, wall", 17)
+    'road, sidewalk...'
+    """
+    line = str(text)
+    return line if len(line) <= most else f"{line[: most - 3]}..."
+
+
 def without_password(text: str) -> str:
     """Return a text in which passwords of addresses, and values named as secrets, are replaced by stars.
 
@@ -44,4 +56,4 @@ def without_password(text: str) -> str:
 def torch_error(error: Exception) -> str:
     """Return the cause of an error of `torch.load` in one line, without its advice to run code of the file."""
     cause = str(error).partition("WeightsUnpickler error:")[2].partition("Check the documentation")[0]
-    return printable(cause or error).strip()[:200] or type(error).__name__
+    return shortened(printable(cause or error), 200) or type(error).__name__

@@ -20,7 +20,7 @@ from mlsroad_pipeline.algorithms.inventory.objects.table import OBJECT_FIELDS
 SAME_OBJECT = {"pole": 0.5, "sign": 0.5, "tree": 1.0, "vehicle": 1.5}
 """Kind to the largest distance in plan of the places of one object in two passes, metres."""
 
-SAME_LINE = {"kerb": 0.5, "wire": 0.3}
+SAME_LINE = {"kerb": 0.5, "wire": 0.3, "barrier": 0.5}
 OTHER_LINE = 0.25
 """Largest distance in plan of one line in two passes, metres; `OTHER_LINE` is that of markings."""
 

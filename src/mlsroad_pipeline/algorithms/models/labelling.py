@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MlsRoadError, ParameterError
-from mlsroad_pipeline.algorithms.core.plain_text import printable
+from mlsroad_pipeline.algorithms.core.plain_text import printable, shortened
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under, model_source
 from mlsroad_pipeline.algorithms.models.methods import METHODS, Method
@@ -76,8 +76,9 @@ def _applied(bundle: ModelBundle, cloud: PointCloud, function: Callable[[PointCl
     except (MlsRoadError, MemoryError, OSError):
         raise
     except Exception as error:  # of NumPy, PyTorch, Numba
+        cause = shortened(printable(error), 200)
         raise DataError(
-            f"{cloud.source}: model {bundle.slug!r} fails with {type(error).__name__}: {printable(error)[:200]}; its "
+            f"{cloud.source}: model {bundle.slug!r} fails with {type(error).__name__}: {cause}; its "
             "arrays do not fit its method, or the method has a fault"
         ) from error
 

@@ -175,7 +175,7 @@ def _within(part: BinnedCloud, span: SceneSpan) -> tuple[NDArray[np.integer], ND
     near = np.repeat((part.bins >= span.buffer_first) & (part.bins < span.buffer_stop), count)
     row = part.cloud["row"]
     if span.context_step == 1:
-        kept = order_of(row)[1]
+        kept: NDArray[np.integer] = order_of(row)[1]
     else:  # a hash of the row: every n-th row may be of one beam of the scanner
         mixed = row.astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
         kept = np.flatnonzero(near | ((mixed >> np.uint64(33)) % np.uint64(span.context_step) == 0))

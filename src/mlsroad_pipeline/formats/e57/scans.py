@@ -113,7 +113,7 @@ def _scan(pages: E57Pages, node: ET.Element, number: int) -> E57Scan:
         notes = (f"scan {number} has a rotation without a direction (a zero quaternion): it is not rotated",)
     limits = {}
     for group in ("intensityLimits", "colorLimits"):
-        for child in node.find(NAMESPACE + group) or ():
+        for child in node.iterfind(f"{NAMESPACE}{group}/*"):
             name = child.tag.removeprefix(NAMESPACE)
             limits[name] = _number(node, f"{group}/{name}", 0.0)
     streams = _streams(pages, fields, n_points, at, number) if n_points else ()

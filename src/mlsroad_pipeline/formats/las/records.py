@@ -188,14 +188,17 @@ class RecordReader:
         self._position = stop
 
     def _check_layers(self, start: int, stop: int) -> None:
-        """Check the chunks of a range before decompression, each once."""
+        """Check the chunks of a range before decompression, each until it is found sound."""
         here = self._stream.tell()
-        for number in range(start // self._chunk_size, -(-stop // self._chunk_size)):
-            if number in self._unchecked:
-                _, n_bytes = self._unchecked.pop(number)
-                n_points = min(self._chunk_size, self.header.n_points - number * self._chunk_size)
-                check_layers(self._stream, self.header, (int(self._begins[number]), n_bytes, n_points), self.path)
-        self._stream.seek(here)
+        try:
+            for number in range(start // self._chunk_size, -(-stop // self._chunk_size)):
+                if number in self._unchecked:
+                    _, n_bytes = self._unchecked[number]
+                    n_points = min(self._chunk_size, self.header.n_points - number * self._chunk_size)
+                    check_layers(self._stream, self.header, (int(self._begins[number]), n_bytes, n_points), self.path)
+                    del self._unchecked[number]
+        finally:
+            self._stream.seek(here)
 
     def _check_size(self) -> None:
         header, size = self.header, self._file.size

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import shortened
 from mlsroad_pipeline.formats.files import open_content
 
 ENCODINGS = ("ascii", "binary", "binary_compressed")
@@ -87,7 +88,8 @@ def read_pcd_header(path: Path) -> PcdHeader:
         if line and not line.startswith("#"):
             key, *value = line.split(maxsplit=1)
             if key.upper() in entries:
-                raise ReadError(f"{path}, line {n_lines}: a second {key.upper()}: {line[:80]!r}; remove one of them")
+                shown = shortened(line)
+                raise ReadError(f"{path}, line {n_lines}: a second {key.upper()}: {shown!r}; remove one of them")
             entries[key.upper()] = value[0] if value else ""
     encoding = entries["DATA"].lower()
     if encoding not in ENCODINGS:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import shortened
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.crs import write_sidecar
@@ -166,7 +167,7 @@ def _open_table(
     elif header is None and not path_layout(path, width):
         at, names = names_in_comments(lines[: start.n_comments], comment, width - blank, start.delimiter)
     named = bool(names)
-    place = f"line {start.row_line + 1}: {body[0][:80]!r}"
+    place = f"line {start.row_line + 1}: {shortened(body[0])!r}"
     names = (names or _default_names(path, width - blank, place)) + ("",) * blank
     kept = numeric_columns(body, start.delimiter, start.decimal, width) if named else None
     if "" in names:  # rows that end with a delimiter

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import shortened
 from mlsroad_pipeline.formats.column_names import names_coordinates
 from mlsroad_pipeline.formats.files import first_bytes
 from mlsroad_pipeline.formats.text.values import WHITESPACE, is_number, split_row
@@ -62,7 +63,7 @@ def names_in_comments(lines: Sequence[bytes], comment: str, width: int, delimite
 def checked_names(values: Sequence[str], width: int, path: Path, line: int, text: str) -> tuple[str, ...]:
     """Return the names of a row above the points; `ReadError` for another number of names, or a repeated one."""
     names = tuple(value.strip('"') for value in values)
-    shown = text if len(text) <= 100 else text[:97] + "..."
+    shown = shortened(text, 100)
     if len(names) != width:
         raise ReadError(f"{path}, line {line}: {len(names)} names for {width} values: {shown!r}; {OPTIONS}")
     if len(set(names)) < len(names):

@@ -12,6 +12,7 @@ import pyarrow.csv
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import shortened
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import WriteOptions
 from mlsroad_pipeline.formats.files import Content
@@ -189,7 +190,7 @@ def _explained(data: bytes, form: RowForm, *, path: Path, first_line: int, reaso
     places = set(form.places)
     for number, line in enumerate(data.decode("utf-8", "replace").splitlines(), start=first_line):
         values = split_row(line, form.delimiter)
-        shown = line if len(line) <= 100 else line[:97] + "..."
+        shown = shortened(line, 100)
         if len(values) != form.width:
             return ReadError(f"{path}, line {number}: {len(values)} values instead of {form.width}: {shown!r}")
         numbers = [value for i, value in enumerate(values) if i in places]

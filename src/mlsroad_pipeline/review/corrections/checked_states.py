@@ -1,6 +1,6 @@
-"""Tables of `mlsroad compare` with what users decided about the states of their entries."""
+"""Tables of `mlsroad compare` and `mlsroad road` with what users decided about the states of their entries."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -19,7 +19,7 @@ from mlsroad_pipeline.review.corrections.store import open_corrections
 
 
 def with_checked(table: pd.DataFrame, name: str, folder: Path) -> pd.DataFrame:
-    """Return a table of a comparison that is about to be written with the column `checked`: right, wrong or empty."""
+    """Return a compared table that is about to be written with the column `checked`: right, wrong or empty."""
     with open_corrections(folder, write=False, create=False) as store:
         decisions = store.states().checks
     content = without_formulas(table).to_csv(index=False, lineterminator="\n").encode()
@@ -32,9 +32,11 @@ def _with_column(table: pd.DataFrame, name: str, entries: list[Entry], decisions
     return table.assign(checked=[checked.get(entry.name, "") for entry in entries])
 
 
-def checked_tables(folder: Path, decisions: Sequence[Decision]) -> tuple[dict[str, pd.DataFrame], list[str]]:
-    """Return the tables of comparisons in a folder of results, as texts with `checked`, and why others are left out."""
-    found, left_out = compared_entries(folder)
+def checked_tables(
+    folder: Path, decisions: Sequence[Decision], names: Collection[str] = tuple(COMPARED)
+) -> tuple[dict[str, pd.DataFrame], list[str]]:
+    """Return the compared tables in a folder of results, as texts with `checked`, and why others are left out."""
+    found, left_out = compared_entries(folder, names)
     tables = {name: pd.read_csv(folder / COMPARED[name].file, dtype=str, keep_default_na=False) for name in found}
     return {name: _with_column(tables[name], name, found[name], decisions) for name in found}, left_out
 

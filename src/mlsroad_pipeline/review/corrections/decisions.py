@@ -214,7 +214,9 @@ def check_values(
             text is None or _is_name(text),
             f"{what} '{printable(text)}' is not a name of at most {_LONGEST_NAME} printable characters",
         )
-    kinds = LINE_KINDS if correction.action in LINE_ACTIONS else KINDS
+    kinds: Sequence[str] = LINE_KINDS if correction.action in LINE_ACTIONS else KINDS
+    if correction.action == "check":
+        kinds = COMPARED[correction.payload["table"]].kinds
     kind, name = correction.kind, correction.payload.get("class")
     to = correction.payload.get("to", kind)
     correction._need(correction.action != "kind_line" or to in kinds, f"unknown kind {to!r}: use {', '.join(kinds)}")

@@ -18,7 +18,7 @@ from mlsroad_pipeline.inventory_files.crs_checks import known_system
 from mlsroad_pipeline.inventory_files.road_inventory import ATTRIBUTE, LAYERS, is_note
 from mlsroad_pipeline.review.corrections.answers import NamedClasses
 from mlsroad_pipeline.review.corrections.decisions import FARTHEST, Correction, check_values
-from mlsroad_pipeline.review.corrections.edited_layers import read_layers, rows_of
+from mlsroad_pipeline.review.corrections.edited_layers import far_away, read_layers, rows_of
 from mlsroad_pipeline.review.corrections.inventory_columns import note_cells
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 from mlsroad_pipeline.review.corrections.listed_objects import ListedObjects
@@ -83,6 +83,8 @@ def corrections_of_inventory(
         )
     decided = [number for number, _ in found]
     rejected = [Correction("reject", number) for number in deleted if number not in decided]
+    places = [[row.payload["x"], row.payload["y"]] for row in added]
+    notes += far_away("added objects", places, listed[["x", "y"]].dropna().to_numpy(np.float64))
     return [*found.values(), *rejected, *_distinct(added)], list(dict.fromkeys(notes))
 
 

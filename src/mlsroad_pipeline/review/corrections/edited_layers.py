@@ -12,18 +12,22 @@ import numpy as np
 import pandas as pd
 import pyogrio
 import shapely
+from numpy.typing import ArrayLike, NDArray
 from pyproj import CRS
+from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_LAYERS
 from mlsroad_pipeline.inventory_files.crs_checks import is_other_system
-from mlsroad_pipeline.inventory_files.geopackage_views import own_views
+from mlsroad_pipeline.inventory_files.geopackage_tables import own_views
 from mlsroad_pipeline.inventory_files.road_inventory import LAYERS
 
 TEXT = ("status", "checked_class", "class", "kind")
 """Fields whose edits are corrections."""
 
 _MOVED = 0.01  # distance of the centre of a box from the place of its vehicle that is an edit, metres
+_FAR = 200.0  # distance of a drawn object or vertex from the inventory that is named, metres
 _SHAPEFILE = 10  # characters of a name in a Shapefile
 OBJECTS = ("objects", *LAYERS)
 """Layers of objects."""
@@ -58,14 +62,17 @@ def _read(path: Path, notes: list[str]) -> dict[str, Any]:
             base.execute("SELECT table_name FROM gpkg_contents").fetchall()  # GDAL prints errors of its own
             views = {name for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'view'")}
             own = own_views(base)  # edits in them have reached `objects`
-        names = [str(name) for name in pyogrio.list_layers(path)[:, 0]]
-        chosen = [name for name in (*OBJECTS, *LINE_LAYERS) if name in names and name not in own]
-        options = {"on_invalid": "ignore", "fid_as_index": True}
-        layers = {name: gpd.read_file(path, layer=name, **options) for name in chosen if name not in views}
-        boxes = layers.get("vehicles")
-        if "vehicles" in own:
-            boxes = gpd.read_file(path, layer="vehicles", **options)
-            layers["objects"] = _with_boxes(layers["objects"], boxes)
+        with warnings.catch_warnings(record=True) as said:  # by GDAL, for each layer again
+            warnings.simplefilter("always", RuntimeWarning)
+            names = [str(name) for name in pyogrio.list_layers(path)[:, 0]]
+            chosen = [name for name in (*OBJECTS, *LINE_LAYERS) if name in names and name not in own]
+            options = {"on_invalid": "ignore", "fid_as_index": True}
+            layers = {name: gpd.read_file(path, layer=name, **options) for name in chosen if name not in views}
+            boxes = layers.get("vehicles")
+            if "vehicles" in own:
+                boxes = gpd.read_file(path, layer="vehicles", **options)
+                layers["objects"] = _with_boxes(layers["objects"], boxes)
+        notes += dict.fromkeys(printable(warning.message) for warning in said)
         notes += _moved_boxes(boxes)
     except (sqlite3.Error, pyogrio.errors.DataSourceError, pyogrio.errors.DataLayerError, ValueError) as error:
         raise ReadError(f"{path}: not a GeoPackage: {' '.join(str(error).split())}") from error
@@ -150,6 +157,16 @@ def rows_of(frame: gpd.GeoDataFrame, layer: str, notes: list[str]) -> list[dict[
     if unread:
         notes.append(f"{len(unread)} objects of layer {layer!r} have no {_wanted(layer)} ({_first(unread)})")
     return rows
+
+
+def far_away(what: str, drawn: ArrayLike, known: NDArray[np.float64]) -> list[str]:
+    """Return a sentence about drawn places that are far from those of the inventory, such as (0, 0)."""
+    places = np.asarray(drawn, np.float64).reshape(-1, 2)
+    if not len(places) or not len(known):
+        return []
+    apart = cKDTree(known[:, :2]).query(places)[0]
+    n, (x, y) = int((apart > _FAR).sum()), places[np.argmax(apart)]
+    return [f"{n} {what} lie up to {apart.max():,.0f} m from the inventory, at ({x:g}, {y:g}): check them"] if n else []
 
 
 def _wanted(layer: str) -> str:

@@ -20,7 +20,7 @@ from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_KINDS, L
 from mlsroad_pipeline.inventory_files.geopackage import read_geopackage
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 from mlsroad_pipeline.review.corrections.decisions import FARTHEST, Correction, Decision
-from mlsroad_pipeline.review.corrections.edited_layers import read_line_layers
+from mlsroad_pipeline.review.corrections.edited_layers import far_away, read_line_layers
 from mlsroad_pipeline.review.corrections.line_decisions import line_states
 
 MOVED = 0.01
@@ -65,6 +65,7 @@ class _Edits:
     lines: dict[int, _Line]
     ground: NDArray[np.float64]  # Places whose heights new vertices take
     found: list[Correction] = field(default_factory=list)
+    drawn: list[list[float]] = field(default_factory=list)  # Vertices of edited rows in plan
     n_without_height: int = 0
 
     @property
@@ -110,6 +111,7 @@ def corrections_of_lines(
     rejected = [Correction("reject_line", kind=line.kind, payload=line.named) for line in missing.values()]
     if edits.n_without_height:
         notes.append(f"{edits.n_without_height} vertices of lines have no height, or 0: that beside them is taken")
+    notes += far_away("vertices of lines", edits.drawn, edits.ground)
     return [*edits.found, *rejected], notes
 
 
@@ -270,6 +272,7 @@ def _in_order(rows: Sequence[_Row], line: _Line) -> list[_Row]:
 def _with_heights(edits: _Edits, row: _Row, line: _Line | None = None) -> list[list[float]]:
     """Return the vertices of a row; one without a height, or at 0 far from the ground, has that beside it."""
     vertices = row.vertices.copy()
+    edits.drawn += vertices[:, :2].tolist()
     for vertex in vertices:
         height = _height_near(edits.ground, vertex[:2]) if line is None else _height_on(line.now, vertex[:2])
         if np.isnan(vertex[2]) or (vertex[2] == 0.0 and abs(height) > _ZERO):

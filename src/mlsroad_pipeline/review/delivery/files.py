@@ -8,12 +8,16 @@ import os
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+import numpy as np
+
 from mlsroad_pipeline import __version__
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ParameterError, ReadError
+from mlsroad_pipeline.algorithms.inventory.road.places import MEASURED
 from mlsroad_pipeline.execution.run_identity import STATE
 from mlsroad_pipeline.formats.files import write_atomic
 from mlsroad_pipeline.formats.las.copc import write_copc
@@ -22,8 +26,10 @@ from mlsroad_pipeline.inventory_files.geopackage import check_closed, read_geopa
 from mlsroad_pipeline.inventory_files.geoparquet import write_geoparquet
 from mlsroad_pipeline.inventory_files.opendrive import write_opendrive
 from mlsroad_pipeline.inventory_files.own_schema import DRIVERS, read_schema, write_own_schema
+from mlsroad_pipeline.inventory_files.road_files import LAYERS, read_road
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 from mlsroad_pipeline.inventory_files.vector_files import without_formulas, write_gml
+from mlsroad_pipeline.review.compared_entries import COMPARED
 from mlsroad_pipeline.review.corrections import Decision, open_corrections
 from mlsroad_pipeline.review.corrections.checked_states import checked_tables
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
@@ -101,6 +107,22 @@ class Delivery:
         )
         return found if self._within is None else within_reach(found, self._within)
 
+    @cached_property
+    def delivered(self) -> RoadInventory:
+        """Inventory after the decisions, with the measures of the road where they are of the same labels."""
+        tables, left_out = checked_tables(self.output.path, self.states.checks, ["road"])
+        for line in left_out:
+            logger.warning("%s; no measures of the road are written", line)
+        if not tables:
+            return self.corrected
+        layers = read_road(self.output.path / "road" / LAYERS)
+        rows, shapes, kind = layers["intrusions"]
+        checked = tables["road"].loc[tables["road"]["state"] != MEASURED, "checked"].to_numpy()
+        kept = (checked != "") if self._checked else np.ones(len(rows), dtype=bool)
+        kept &= (checked != "wrong") | self._keep
+        layers["intrusions"] = rows.assign(checked=checked)[kept], shapes[kept], kind
+        return replace(self.corrected, road=layers)
+
     def write(self, targets: Sequence[Path], *, overwrite: bool = False) -> list[Path]:
         """Write files and return the paths of all, the targets first.
 
@@ -173,7 +195,7 @@ class Delivery:
             return [(path, target.with_name(path.name)) for path in written]
         if suffix in _EXPORTED:
             try:
-                written = EXPORTS[_EXPORTED[suffix]].write(self.corrected, folder)
+                written = EXPORTS[_EXPORTED[suffix]].write(self.delivered, folder)
             except MlsRoadError as error:
                 wrong = folder / PurePosixPath(EXPORTS[_EXPORTED[suffix]].files[0]).name
                 text = str(error).replace(str(wrong), str(target)).replace(str(folder), str(target.parent))
@@ -181,9 +203,9 @@ class Delivery:
             places = [_place(path, target) for path in written]
             return sorted(zip(written, places, strict=True), key=lambda pair: pair[1] != target)
         if suffix == ".gml":
-            return [(path, target.with_name(path.name)) for path in write_gml(self.corrected, own)]
+            return [(path, target.with_name(path.name)) for path in write_gml(self.delivered, own)]
         try:
-            _SINGLE[suffix](self.corrected, own)
+            _SINGLE[suffix](self.delivered, own)
         except MlsRoadError as error:
             raise type(error)(str(error).replace(str(own), str(target))) from error
         return [(own, target)]
@@ -243,7 +265,8 @@ class Delivery:
         page = folder / "page.html"
         write_atomic(page, protocol_page(facts, self.history, table, lines, checked).encode())
         written = [(page, target)]
-        for name, rows in {"decisions": decision_table(self.history), **checked}.items():
+        tables = {PurePosixPath(COMPARED[name].file).stem: rows for name, rows in checked.items()}
+        for name, rows in {"decisions": decision_table(self.history), **tables}.items():
             own = folder / f"{name}.csv"
             write_atomic(own, without_formulas(rows).to_csv(index=False, lineterminator="\n").encode())
             written.append((own, target.with_name(f"{target.stem}_{name}.csv")))

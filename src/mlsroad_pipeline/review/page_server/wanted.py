@@ -3,6 +3,7 @@
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.plain_text import shortened
 
 LARGEST = 2048
 """Longer side of a picture of the background, pixels."""
@@ -55,5 +56,5 @@ def _numbers(text: str, n: int) -> list[float]:
     except ValueError:
         values = []
     if len(values) != n or not np.isfinite(values).all():
-        raise ParameterError(f"{n} numbers are needed, got {text[:80]!r}")
+        raise ParameterError(f"{n} numbers are needed, got {shortened(text)!r}")
     return values

@@ -8,6 +8,7 @@ from mlsroad_pipeline.algorithms.inventory.changes.lines import (
     SHOWN,
     UNSEEN,
     Lines,
+    barrier_seen,
     compare_lines,
     contrast_of,
     length_of,
@@ -87,3 +88,19 @@ def test_a_step_and_a_contrast_are_measured_across():
 )
 def test_a_line_without_evidence_of_its_own_proves_nothing(own, other, found):
     assert same_measure(own, other, 0.04) == found
+
+
+@pytest.mark.parametrize(
+    ("height", "ground", "found"),
+    [(1.2, True, SHOWN), (1.2, False, SHOWN), (None, True, ABSENT), (None, False, UNSEEN), (1.2, "gap", ABSENT)],
+)
+def test_points_above_the_ground_show_a_barrier_and_ground_alone_disproves_it(height, ground, found):
+    rng = np.random.default_rng(8)
+    places = places_on(np.array([[0.0, 0, 0], [10, 0, 0]]))
+    plain = np.column_stack([rng.uniform(0, 10, 4000), rng.uniform(-1, 1, 4000), np.zeros(4000)])
+    plain = plain if ground else plain[:0]
+    long = 3.0 if ground == "gap" else 10.0
+    fence = np.column_stack([rng.uniform(0, long, 300), rng.normal(0, 0.05, 300), rng.uniform(0, height or 1, 300)])
+    fence = fence if height else fence[:0]
+    points = np.concatenate([plain, fence])
+    assert barrier_seen(points, np.arange(len(points)) < len(plain), places) == found

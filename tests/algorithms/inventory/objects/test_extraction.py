@@ -296,7 +296,7 @@ def test_every_object_has_the_points_that_it_counts(street, cuts, monkeypatch):
 
 
 def test_every_field_is_in_the_data_dictionary():
-    page = (Path(__file__).parents[4] / "docs/inventory.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[4] / "docs/inventory_fields.md").read_text(encoding="utf-8")
     rows = [line.split("|")[1] for line in page.split("## Fields")[1].split("\n## ")[0].splitlines() if "|" in line]
     assert set(re.findall(r"`(\w+)`", " ".join(rows))) == set(FIELDS)
 

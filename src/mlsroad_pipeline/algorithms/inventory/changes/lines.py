@@ -11,7 +11,7 @@ from mlsroad_pipeline.algorithms.inventory.changes.objects import GONE, NEW, UNC
 
 STEP = 0.5
 """Distance of the places along a line that are compared, metres."""
-REACH = {"kerb": 0.5, "wire": 1.0}
+REACH = {"kerb": 0.5, "wire": 1.0, "barrier": 0.5}
 MARKING_REACH = 0.4
 """Largest distance of places of the same line in two surveys, metres."""
 LEAST_LENGTH = 2.0
@@ -24,6 +24,8 @@ STILL_THERE = 0.5
 """Share of the step or contrast of a line in one survey from which the other survey shows it too."""
 WIRE_NEAR, OTHER_WIRE = 0.3, 5.0
 """Distance of points that show a wire, and distance of another wire that proves that wires were seen there, metres."""
+BARRIER_NEAR = 0.3
+"""Distance in plan of points that show a barrier, metres."""
 STATES = (UNCHANGED, NEW, GONE, UNSEEN_FIRST, UNSEEN_SECOND)
 """States of parts of lines."""
 SHIFTS = (-0.2, -0.1, 0.0, 0.1, 0.2)
@@ -90,7 +92,7 @@ def compare_lines(first: Lines, second: Lines) -> list[LinePart]:
 
 
 def _group(kind: str) -> str:
-    """Return the kind of a kerb or wire; markings of all kinds are one, because they are taken for each other."""
+    """Return the kind of a line; markings of all kinds are one, because they are taken for each other."""
     return kind if kind in REACH else "marking"
 
 
@@ -152,6 +154,18 @@ def contrast_of(
         if min(len(on), len(beside)) >= FEWEST and np.mean(beside) > 0:
             found.append(float(np.mean(on) / np.mean(beside) - 1))
     return max(found, default=np.nan)
+
+
+def barrier_seen(points: NDArray[np.float64], is_ground: NDArray[np.bool_], places: NDArray[np.float64]) -> str:
+    """Return what points say of a barrier: those above the ground show it, ground alone disproves it."""
+    aside = offsets_from(points, places)
+    sides = [(is_ground & (side * aside > 0.0) & (side * aside < ASIDE)).sum() for side in (1, -1)]
+    upright = points[~is_ground & (np.abs(aside) < BARRIER_NEAR)]
+    if len(upright):
+        met = np.isfinite(cKDTree(upright[:, :2]).query(places[:, :2], distance_upper_bound=ALONG)[0]).mean()
+        if met > STILL_THERE:
+            return SHOWN
+    return ABSENT if min(sides) >= FEWEST * len(places) else UNSEEN
 
 
 def same_measure(own: float, other: float, least: float) -> str:

@@ -1,1 +1,1 @@
-"""Kerbs, wires and road markings from labelled points."""
+"""Kerbs, wires, barriers and road markings from labelled points."""

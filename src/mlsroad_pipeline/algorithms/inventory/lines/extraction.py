@@ -13,6 +13,7 @@ from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 LINE_LAYERS = {
     "kerbs": "kerb",
     "wires": "wire",
+    "barriers": "barrier",
     "lane_lines": "lane_line",
     "stop_lines": "stop_line",
     "crossings": "crossing",
@@ -27,15 +28,18 @@ LINE_KINDS = tuple(LINE_LAYERS.values())
 LINE_FIELDS: dict[str, Field] = {
     "line_id": Field("int64", "Line", "Number of the line, from 1, by kind and station."),
     "kind": Field(
-        "str", "Kind", "What it is: kerb, wire, lane_line, stop_line, crossing or other_marking.", LINE_KINDS
+        *("str", "Kind", "What it is: kerb, wire, barrier, lane_line, stop_line, crossing or other_marking."),
+        LINE_KINDS,
     ),
     "score": Field(
         "float64", "Score", "Mean probability of the class wire of a wire's points; probability of a marking, 0 to 1."
     ),
     "length": Field("float64", "Length [m]", "Length in plan."),
-    "height": Field("float64", "Height [m]", "Median height of a kerb's upper edge above its foot."),
-    "least_height": Field("float64", "Least height [m]", "Smallest height of a kerb's vertices."),
-    "most_height": Field("float64", "Largest height [m]", "Largest height of a kerb's vertices."),
+    "height": Field(
+        "float64", "Height [m]", "Median height of a kerb's upper edge, or a barrier's top, above its foot."
+    ),
+    "least_height": Field("float64", "Least height [m]", "Smallest height of the vertices of a kerb or barrier."),
+    "most_height": Field("float64", "Largest height [m]", "Largest height of the vertices of a kerb or barrier."),
     "sag": Field("float64", "Sag [m]", "Largest distance of a wire below the chord between its ends."),
     "clearance": Field("float64", "Clearance [m]", "Smallest height of a wire's points above the ground."),
     "width": Field("float64", "Width [m]", "Width of a marking; of a crossing the length of its bars."),
@@ -49,7 +53,9 @@ LINE_FIELDS: dict[str, Field] = {
     "x": Field("float64", "First easting [m]", "First coordinate of its first vertex."),
     "y": Field("float64", "First northing [m]", "Second coordinate of its first vertex."),
     "line": Field(
-        "str", "Line", "WKT (LINESTRING Z): the foot of a kerb, its upper side on the left; a wire; a marking."
+        "str",
+        "Line",
+        "WKT (LINESTRING Z): the foot of a kerb, its upper side on the left; a wire; a barrier's foot; a marking.",
     ),
 }
 """Columns of the lines; NaN where a kind has no such measure, and stations without a trajectory."""
@@ -57,7 +63,7 @@ LINE_FIELDS: dict[str, Field] = {
 _MARKINGS = ("lane_line", "stop_line", "crossing", "other_marking")
 _FIELDS_OF_KINDS: dict[str, tuple[str, ...]] = {
     "score": ("wire", *_MARKINGS),
-    **dict.fromkeys(("height", "least_height", "most_height"), ("kerb",)),
+    **dict.fromkeys(("height", "least_height", "most_height"), ("kerb", "barrier")),
     **dict.fromkeys(("sag", "clearance"), ("wire",)),
     **dict.fromkeys(("width", "contrast"), _MARKINGS),
     "pattern": ("lane_line",),

@@ -48,7 +48,7 @@ EXTENT = ("x_min", "x_max", "y_min", "y_max", "z_min", "z_max")
 
 
 class ObjectMeasures(TypedDict, total=False):
-    """Measures of an object: those of `MEASURES`, as docs/inventory.md defines them, and the following.
+    """Measures of an object: those of `MEASURES`, as docs/inventory_fields.md defines them, and the following.
 
     Lengths are in metres, angles in degrees. NaN is not applicable or not visible.
     """

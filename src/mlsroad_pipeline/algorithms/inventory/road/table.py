@@ -40,7 +40,7 @@ ROAD_FIELDS: dict[str, Field] = {
 """Columns of the road. Offsets are positive to the right; NaN where something is not seen."""
 
 ROAD_LAYERS = ("road", "road_widths", "road_sections", "intrusions", "sight")
-"""Layers of stations, lines from edge to edge, sections, places inside an envelope, and ways that see a sign."""
+"""Layers of stations, lines from edge to edge, sections, intruded and low places, and ways that see a sign."""
 
 FREE, INTRUDED = "free", "intruded"
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch import nn
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.core.plain_text import printable
+from mlsroad_pipeline.algorithms.core.plain_text import printable, shortened
 from mlsroad_pipeline.algorithms.models.bundle import arrays_under
 
 logger = logging.getLogger(__name__)
@@ -62,8 +62,8 @@ def _cuda_failure() -> str | None:
             torch.zeros(1, device="cuda").add_(1).item()
             return None
     except (RuntimeError, AssertionError) as error:  # no memory, no kernels for it, used by another process alone
-        return printable(error).strip()[:200] or type(error).__name__
-    texts = [printable(item.message).strip()[:200] for item in caught]
+        return shortened(printable(error), 200) or type(error).__name__
+    texts = [shortened(printable(item.message), 200) for item in caught]
     return next((text for text in texts if _NO_GPU not in text), "")
 
 

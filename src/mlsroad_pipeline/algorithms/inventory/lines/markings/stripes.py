@@ -204,8 +204,8 @@ def _fit(
     near, local, alike = np.empty((4, _MOST)), np.empty((4, _MOST)), np.empty((2, _MOST))
     sums, tried = np.zeros((2 * _HALF + 1, 3)), np.zeros(3 * _TRIED, np.int64)
     turns = np.empty((_TURNS, 2))
-    for turn in range(_TURNS):
-        turns[turn, 0], turns[turn, 1] = np.cos(np.pi * turn / _TURNS), np.sin(np.pi * turn / _TURNS)
+    for k in range(_TURNS):
+        turns[k, 0], turns[k, 1] = np.cos(np.pi * k / _TURNS), np.sin(np.pi * k / _TURNS)
     for block in range(len(keys)):
         n_near = -1  # gathered for the first bright cell of the block
         for i in range(starts[block], starts[block + 1]):
