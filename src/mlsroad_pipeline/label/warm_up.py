@@ -13,6 +13,7 @@ from mlsroad_pipeline.algorithms.geometry.thinning import first_in_cells
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import kerb_steps
 from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import marking_stripes
 from mlsroad_pipeline.algorithms.inventory.objects.boxes import vehicle_box
+from mlsroad_pipeline.algorithms.inventory.objects.class_groups import GROUPS, ClassEvidence
 from mlsroad_pipeline.algorithms.inventory.objects.extraction import extract_objects
 from mlsroad_pipeline.algorithms.inventory.objects.merging import merge_across_scenes
 from mlsroad_pipeline.algorithms.inventory.objects.panels import fit_panel
@@ -39,6 +40,7 @@ from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.algorithms.stages import build_supervoxels, describe_supervoxels, find_ground
 from mlsroad_pipeline.label.scene import label_pieces
 from mlsroad_pipeline.label.written_file import write_file
+from mlsroad_pipeline.model_store.object_classifiers import shipped_classifier
 from mlsroad_pipeline.surveys.reading import read_and_cut
 
 STAGES = (read_and_cut, label_pieces, write_file)
@@ -139,6 +141,8 @@ def run_other_stages() -> None:
     decide(np.ones((1, 2)), np.arange(2))
     labels, heights = np.where(ground["ground"], 0, 1).astype(np.int16), ground["height"]
     rules = {"pole": ObjectRule("pole", (1,), 0.3, split_spacing=1.0)}
+    groups = np.eye(2, len(GROUPS), dtype=np.float32)
+    evidence = ClassEvidence(np.full((len(scene), 2), 0.5, np.float32), np.arange(len(scene), dtype=np.int32), groups)
     objects = extract_objects(
         scene.xyz,
         labels,
@@ -148,6 +152,8 @@ def run_other_stages() -> None:
         origin=scene.origin,
         height_above_ground=np.nan_to_num(heights),
         scene="small",
+        evidence=evidence,
+        classifier=shipped_classifier(),
     )
     merge_across_scenes([objects], classes=rules, trajectory=drive)
     is_ground, core, origin = np.array([True, False]), scene["core"], scene.origin
