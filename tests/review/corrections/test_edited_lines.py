@@ -1,7 +1,7 @@
 """Lines edited in a GeoPackage come back as decisions: moved, cut, joined, deleted, drawn, of another kind."""
 
-import re
 import functools
+import re
 import shutil
 
 import geopandas as gpd
