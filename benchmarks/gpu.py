@@ -29,7 +29,7 @@ from run_all import processor
 
 from mlsroad_pipeline.algorithms.cameras.cityscapes import encode_label_image, image_classes
 from mlsroad_pipeline.algorithms.models.machines import torch_training
-from mlsroad_pipeline.algorithms.models.superpoint_transformer import optimisation
+from mlsroad_pipeline.algorithms.models.superpoint_transformer import training
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.graph import SuperpointGraph
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.inputs import even_points, prepare_inputs
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.labeller import prepare
@@ -237,8 +237,8 @@ def superpoint_transformer(data: Data, dry: bool) -> Case:
     def train(setting: Setting, device: str, clock: Clock) -> Any:
         how = replace(base.training, n_steps=setting.steps, batch_size=setting.batch, device=device)
         how = replace(base, training=replace(how, n_threads=torch.get_num_threads()))
-        with replaced(optimisation, "_ahead", lambda ahead: lambda *args: clock.between(ahead(*args))):
-            return optimisation.train_network(graphs, n_classes=len(configured_scheme(SCHEME)), parameters=how)
+        with replaced(training, "_ahead", lambda ahead: lambda *args: clock.between(ahead(*args))):
+            return training.train_network(graphs, n_classes=len(configured_scheme(SCHEME)), parameters=how)
 
     def predict(model: Any, device: str) -> NDArray[Any]:
         inputs = prepare_inputs(test, model.scale, even_points(test, base.training.n_points))

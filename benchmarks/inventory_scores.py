@@ -36,7 +36,7 @@ from mlsroad_pipeline.algorithms.inventory.scoring.object_scores import (
     summarise_measures,
 )
 from mlsroad_pipeline.label.object_scoring import ScoredInventory, ScoreParameters, score_inventory
-from mlsroad_pipeline.review.delivery.estimates import wilson
+from mlsroad_pipeline.review.delivery.protocol import wilson
 
 FIRST_SEED = 911
 TEXT = ("label.read.columns={x: 0, y: 1, z: 2}", "label.read.delimiter=whitespace", "label.read.header=false")

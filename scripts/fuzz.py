@@ -36,7 +36,7 @@ import pandas as pd
 import mlsroad_pipeline
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 from mlsroad_pipeline.commands import corrections
-from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.review.delivery.files import Delivery
 from mlsroad_pipeline.review.page_server.served_survey import _correction
@@ -77,6 +77,11 @@ def labelled() -> tempfile.TemporaryDirectory[str]:
     """Return a folder with a labelled survey, and a copy of its inventory as QGIS saves it."""
     folder = tempfile.TemporaryDirectory()
     write_output(Path(folder.name, "out"), crs="EPSG:25832")
+    (record,) = Path(folder.name, "out").glob(".mlsroad/*/run.json")
+    run = json.loads(record.read_text())
+    run["settings"]["label"] = {"survey": "survey.laz"}
+    run["summary"]["model"] = {"name": "own", "version": "1"}
+    record.write_text(json.dumps(run))
     save_as_tables(Path(folder.name, "out/inventory.gpkg"), Path(folder.name, "tables.gpkg"))
     return folder
 
@@ -196,10 +201,12 @@ def main() -> None:
         rng, corpus, seen = np.random.default_rng(options.seed), [content], set[tuple[int, int]]()
         end, runs = time.monotonic() + options.seconds / len(options.targets), 0
         with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / name
+            path.write_bytes(content)
+            reader(path)  # the sound input is not refused
             while time.monotonic() < end:
                 base = corpus[int(rng.integers(len(corpus)))]
                 case = content if not runs or not base else damaged(base, mutate, rng)
-                path = Path(folder) / name
                 path.write_bytes(case)
                 kind = failure(path, reader, seen, corpus)
                 if kind and f"{name}_{kind.partition(':')[0]}" not in kinds:

@@ -1,15 +1,17 @@
 """Fixtures shared by all tests."""
 
+import functools
 import gc
 import inspect
 import os
 import re
-from collections.abc import Container
+from collections.abc import Callable, Container
 
 # Tests run in one process per core; more OpenMP threads take 20 % more time. Read at the first import of NumPy.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
@@ -106,11 +108,17 @@ def _marks_of(path: Path, long: Container[Path]) -> list[str]:
     return [mark for mark, is_found in found.items() if is_found]
 
 
+@functools.cache
+def _file_of(function: Callable[..., Any]) -> Path | None:
+    """Return the file of a fixture, None for those of plugins."""
+    path = Path(inspect.unwrap(function).__code__.co_filename)
+    return path if path.is_relative_to(REPOSITORY / "tests") else None
+
+
 def _files_of(item: pytest.Function) -> set[Path]:
     """Return the file of a test and those of its fixtures, which may start a process in its place."""
-    fixtures = [fixture.func for known in item._fixtureinfo.name2fixturedefs.values() for fixture in known]
-    files = {Path(inspect.unwrap(function).__code__.co_filename) for function in fixtures}
-    return {item.path, *(path for path in files if path.is_relative_to(REPOSITORY / "tests"))}
+    known = item._fixtureinfo.name2fixturedefs.values()
+    return {item.path} | ({_file_of(fixture.func) for fixtures in known for fixture in fixtures} - {None})
 
 
 def pytest_collection_modifyitems(items):

@@ -19,6 +19,7 @@ from helpers.yaml_files import read_yaml
 
 from mlsroad_pipeline import cli
 from mlsroad_pipeline.commands.app import app
+from mlsroad_pipeline.config import loader
 from mlsroad_pipeline.execution.parameter_checks import check_names
 from mlsroad_pipeline.formats.las.header import class_names, read_header
 from mlsroad_pipeline.pipelines.composition import pipeline_names
@@ -54,7 +55,7 @@ def test_the_manual_gives_commands_of_both_programs():
 
 @pytest.mark.parametrize("command", [c for c in COMMANDS if c.arguments[:2] == ("kedro", "run")], ids=ids)
 def test_kedro_commands_have_known_options_pipelines_environments_and_parameters(command, base, monkeypatch):
-    monkeypatch.setattr(cli, "check_environment", lambda *_: None)  # those of the user are no folders here
+    monkeypatch.setattr(loader, "check_environment", lambda *_: None)  # those of the user are no folders here
     options = [option.removesuffix(",...") for option in command.arguments[2:]]
     assert not {"-p", "--pipeline", "--async"} & {option.partition("=")[0] for option in options}
     with contextlib.chdir(REPOSITORY):
@@ -137,7 +138,8 @@ def test_mlsroad_inspect_says_the_same_with_nothing_on_stderr(project):
 
 
 def test_mlsroad_label_assigns_a_system_and_says_the_same_with_nothing_on_stderr(project):
-    done, _ = typed(project, "mlsroad", "label", "in", "-o", "out", "--crs", "EPSG:28992", "--copc")
+    here = ("--params", "execution.backend=sequential")  # tests/commands/test_mlsroad.py labels with workers
+    done, _ = typed(project, "mlsroad", "label", "in", "-o", "out", "--crs", "EPSG:28992", "--copc", *here)
     assert done.returncode == 0 and done.stderr == "", done.stderr
     for text in SAID:
         assert done.stdout.count(text) == (0 if "reference system" in text else 1), (text, done.stdout)

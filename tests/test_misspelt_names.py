@@ -6,6 +6,7 @@ import yaml
 from click.testing import CliRunner
 from helpers.conf import from_command_line, parameters_of
 from helpers.wiring import REPOSITORY, last_line, make_project
+from kedro.framework.project import configure_project
 
 from mlsroad_pipeline import cli
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
@@ -68,6 +69,7 @@ def test_configurations_of_the_project_are_options_of_the_command(project, name)
 
 @pytest.mark.parametrize("given", [["--env=semantikitti"], []])
 def test_unknown_environment_is_one_line_that_names_those_there_are(project, monkeypatch, given):
+    configure_project("mlsroad_pipeline")  # as `kedro` does
     monkeypatch.chdir(project)
     monkeypatch.setenv("KEDRO_ENV", "" if given else "semantikitti")
     result = CliRunner().invoke(cli.run, given)

@@ -26,12 +26,13 @@ SAYS = {
 """Words expected in the outputs of each notebook."""
 SMALLER = {
     "fusion": {
-        "n_steps=100, crop=193, batch_size=4": "n_steps=20, crop=97, batch_size=2",
+        "n_steps=100, crop=193, batch_size=4": "n_steps=5, crop=97, batch_size=2",
         "in (2, 3, 4)": "in (2,)",
         "60.0": "40.0",
+        "n_trees=30": "n_trees=5",
     },
     "gallery": {'PRESETS["small"]': 'PRESETS["tiny"]', "(1, 2, 3, 4, 5)": "(1, 2)"},
-    "label": {'"small", "--length", 40': '"tiny", "--length", 30'},
+    "label": {'"small", "--length", 40': '"tiny", "--length", 15'},
 }
 """Code of notebooks and what is run in its place."""
 FRESH = """import os

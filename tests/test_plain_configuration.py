@@ -6,7 +6,7 @@ import pytest
 from kedro.config import OmegaConfigLoader
 from omegaconf import OmegaConf
 
-from mlsroad_pipeline.config.plain_files import PlainFilesLoader, _read_files
+from mlsroad_pipeline.config.loader import PlainFilesLoader, _read_files
 
 PARAMETERS = """
 _place: /data

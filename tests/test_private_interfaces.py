@@ -11,7 +11,7 @@ from kedro.config import OmegaConfigLoader
 from kedro.framework.context import KedroContext
 from kedro.framework.project import pipelines
 
-from mlsroad_pipeline.config.plain_files import PlainFilesLoader
+from mlsroad_pipeline.config.loader import PlainFilesLoader
 
 METHODS = {
     "_read_dir_configs": "self conf_path patterns key processed_files read_environment_variables",
@@ -24,16 +24,14 @@ METHODS = {
 
 @pytest.mark.parametrize(("name", "arguments"), METHODS.items())
 def test_methods_of_the_configuration_loader(name, arguments):
-    where = (
-        f"kedro {version('kedro')} changes OmegaConfigLoader.{name}: adapt config/plain_files.py and config/loader.py"
-    )
+    where = f"kedro {version('kedro')} changes OmegaConfigLoader.{name}: adapt config/loader.py and config/loader.py"
     assert hasattr(OmegaConfigLoader, name), where
     assert list(inspect.signature(getattr(OmegaConfigLoader, name)).parameters) == arguments.split(), where
 
 
 def test_the_configuration_loader_has_the_attributes_that_are_read(tmp_path):
     loader = OmegaConfigLoader(str(tmp_path), base_env="base", default_run_env="local", runtime_params={"a": 1})
-    where = f"kedro {version('kedro')} changes OmegaConfigLoader: adapt config/plain_files.py"
+    where = f"kedro {version('kedro')} changes OmegaConfigLoader: adapt config/loader.py"
     assert loader._protocol == "file" and loader.runtime_params == {"a": 1} and hasattr(loader, "_globals"), where
     assert issubclass(PlainFilesLoader, OmegaConfigLoader)
 

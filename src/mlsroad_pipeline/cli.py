@@ -12,10 +12,9 @@ from typing import Any
 
 import click
 from kedro.framework.cli.project import run as kedro_run
+from kedro.framework.project import settings
 from omegaconf import OmegaConf
 from yaml import YAMLError
-
-from mlsroad_pipeline.config.loader import check_environment
 
 _KEDRO_PARAMS: Any = next(parameter.callback for parameter in kedro_run.params if parameter.name == "params")
 _PATH = re.compile(r"(label|inspect|score|survey)\.(survey|output|trajectory|images|inventory|truth|root)")
@@ -76,8 +75,9 @@ def _read_parameters(context: click.Context, parameter: click.Parameter, value: 
 
 
 def _check_environment(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
-    """Check that an environment has a folder of configuration, before a session logs a traceback."""
-    check_environment(context.params.get("conf_source") or "conf", value or os.environ.get("KEDRO_ENV"))
+    """Let the configuration loader refuse an unknown environment, before a session that logs a traceback."""
+    source, env = context.params.get("conf_source") or settings.CONF_SOURCE, value or os.environ.get("KEDRO_ENV")
+    settings.CONFIG_LOADER_CLASS(source, env=env, **settings.CONFIG_LOADER_ARGS)
     return value
 
 

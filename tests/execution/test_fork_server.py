@@ -113,3 +113,21 @@ def test_the_server_ends_with_its_driver_while_it_loads():
     while psutil.pid_exists(server) and psutil.Process(server).status() != psutil.STATUS_ZOMBIE:
         assert time.monotonic() < deadline
         time.sleep(0.05)
+
+
+BESIDE = """
+import os, sys
+from pathlib import Path
+from mlsroad_pipeline.execution.fork_server import beside
+place = Path(sys.argv[1])
+with beside(lambda: place.write_text(str(os.getpid()))):
+    pass
+with beside(lambda: 1 / 0):
+    print(int(place.read_text()) != os.getpid())
+"""
+
+
+def test_a_function_runs_in_a_process_beside_the_server_which_waits_for_it(tmp_path):
+    command = [sys.executable, "-c", BESIDE, str(tmp_path / "pid")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.stdout.split(), done.stderr, done.returncode) == (["True"], "", 0)

@@ -8,8 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
-from mlsroad_pipeline.formats.base import ReadOptions
-from mlsroad_pipeline.formats.options import NEW_SURVEY
+from mlsroad_pipeline.formats.base import NEW_SURVEY, ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 
 DEFAULT = ReadOptions()

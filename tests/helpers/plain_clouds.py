@@ -6,7 +6,7 @@ import numpy as np
 import pyproj
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.formats.options import WriteOptions
+from mlsroad_pipeline.formats.base import WriteOptions
 from mlsroad_pipeline.formats.registry import format_of_name
 
 

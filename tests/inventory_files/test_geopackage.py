@@ -233,7 +233,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(inventory, tmp_path
     def fail(objects):
         raise OSError("disk full")
 
-    monkeypatch.setattr(geopackage, "vehicle_boxes", fail)
+    monkeypatch.setattr(geopackage.road_inventory, "vehicle_boxes", fail)
     with pytest.raises(OSError, match="disk full"):
         write_geopackage(RoadInventory(inventory.objects.head(2)), path)
     assert path.read_bytes() == before

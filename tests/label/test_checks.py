@@ -11,7 +11,7 @@ from helpers.formats import make_labels
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
-from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.label.checks import _check_exports, check_file, check_whole_numbers
 from mlsroad_pipeline.label.runs import planned_paths
 from mlsroad_pipeline.label.writer import write_labelled

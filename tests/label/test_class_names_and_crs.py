@@ -9,11 +9,11 @@ from helpers.conf import base
 from helpers.formats import make_labels, make_las
 from helpers.wiring import REPOSITORY
 
+from mlsroad_pipeline.algorithms.core.codings import CODE_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
+from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.las.copc import write_copc
 from mlsroad_pipeline.formats.las.header import LOOKUP, class_names, read_header
-from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.label.writer import write_labelled
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 

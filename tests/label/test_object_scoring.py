@@ -7,8 +7,8 @@ from helpers.inventories import planted_inventory
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.base import WriteOptions
 from mlsroad_pipeline.formats.las.format import LasFormat
-from mlsroad_pipeline.formats.options import WriteOptions
 from mlsroad_pipeline.inventory_files.geoparquet import write_geoparquet
 from mlsroad_pipeline.label.object_scoring import ScoreParameters, score_inventory
 

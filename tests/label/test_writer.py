@@ -63,9 +63,9 @@ def test_what_lazrs_would_damage_is_refused(tmp_path, rng, point_format):
 @pytest.mark.parametrize("point_format", [3, 6, 7, 8])
 def test_same_bytes_whatever_the_threads_and_ranges(tmp_path, rng, point_format):
     source = tmp_path / "a.laz"
-    make_las(source, rng, version="1.4", point_format=point_format, n=120_000)
+    make_las(source, rng, version="1.4", point_format=point_format, n=60_001)  # two chunks
     written = []
-    for at, (n_threads, chunk_size) in enumerate([(1, 1_000_000), (2, 1_000_000), (1, 33_333), (2, 50_000)]):
+    for at, (n_threads, chunk_size) in enumerate([(1, 1_000_000), (2, 1_000_000), (1, 33_333), (2, 25_000)]):
         target = tmp_path / f"{at}.laz"
         write_labelled(source, target, make_labels, n_threads=n_threads, chunk_size=chunk_size)
         written.append(target.read_bytes())

@@ -5,8 +5,8 @@ from helpers.labelled import N_POINTS
 from helpers.wiring import label, shared_run, with_models
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.las.format import LasFormat
-from mlsroad_pipeline.formats.options import ReadOptions, WriteOptions
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.methods import methods_of
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
+from mlsroad_pipeline.formats.base import WriteOptions
 from mlsroad_pipeline.formats.las.format import LasFormat
-from mlsroad_pipeline.formats.options import WriteOptions
 from mlsroad_pipeline.formats.ply.format import PlyFormat
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 from mlsroad_pipeline.surveys.plan import plan_comparison

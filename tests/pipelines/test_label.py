@@ -19,8 +19,8 @@ import pytest
 from helpers.labelled import N_POINTS, check_labels, check_same_points, scheme
 from helpers.wiring import REPOSITORY, contents, label, last_line, stage_counts, stored_records, with_models
 
+from mlsroad_pipeline.formats.base import WriteOptions
 from mlsroad_pipeline.formats.las.format import LasFormat
-from mlsroad_pipeline.formats.options import WriteOptions
 from mlsroad_pipeline.inventory_files.exports import EXPORTS
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]

@@ -12,9 +12,9 @@ from helpers.labelled import N_POINTS, check_labels, check_same_points
 from helpers.wiring import contents, label
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.kitti import KittiFormat
 from mlsroad_pipeline.formats.las.format import LasFormat
-from mlsroad_pipeline.formats.options import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.ply.format import PlyFormat
 from mlsroad_pipeline.formats.text.format import TextFormat
 

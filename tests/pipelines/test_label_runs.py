@@ -15,8 +15,8 @@ import pytest
 from helpers.wiring import contents, last_line, make_project, run, stage_counts
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.base import WriteOptions
 from mlsroad_pipeline.formats.las.format import LasFormat
-from mlsroad_pipeline.formats.options import WriteOptions
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 

@@ -9,7 +9,7 @@ from kedro.runner import SequentialRunner
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.methods import methods_of
-from mlsroad_pipeline.formats.options import WriteOptions
+from mlsroad_pipeline.formats.base import WriteOptions
 from mlsroad_pipeline.formats.sydney import SydneyFormat
 
 RECOGNISERS = methods_of("recognition")

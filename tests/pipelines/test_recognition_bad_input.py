@@ -15,8 +15,8 @@ from kedro.runner import SequentialRunner
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.execution.output_lock import release_output
+from mlsroad_pipeline.formats.base import WriteOptions
 from mlsroad_pipeline.formats.las.format import LasFormat
-from mlsroad_pipeline.formats.options import WriteOptions
 from mlsroad_pipeline.model_store.bundle_files import load_bundle, save_bundle
 from mlsroad_pipeline.model_store.registration import register_bundle
 

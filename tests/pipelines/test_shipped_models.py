@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.wiring import make_project, run
 
-from mlsroad_pipeline.algorithms.inventory.objects.object_features import FEATURES
+from mlsroad_pipeline.algorithms.inventory.objects.measured_rows import FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import STEM_FEATURES
 from mlsroad_pipeline.algorithms.models.pool.labeller import INTERCEPT, TERMS

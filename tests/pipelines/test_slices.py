@@ -10,8 +10,8 @@ from kedro.framework.project import pipelines
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.base import WriteOptions
 from mlsroad_pipeline.formats.las.format import LasFormat
-from mlsroad_pipeline.formats.options import WriteOptions
 from mlsroad_pipeline.pipelines.composition import comparison
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]

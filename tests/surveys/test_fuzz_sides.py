@@ -17,7 +17,7 @@ from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.formats.crs import sidecar_crs
-from mlsroad_pipeline.label.devices import check_device
+from mlsroad_pipeline.label.checks import check_device
 from mlsroad_pipeline.label.inventory import read_sections
 from mlsroad_pipeline.model_store.bundle_files import load_bundle, save_bundle
 from mlsroad_pipeline.surveys.camera_files import read_images, read_poses

@@ -5,12 +5,12 @@ import pytest
 from helpers.labelled import scheme as configured_scheme
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.codings import CODE_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
-from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats.base import WriteOptions
 from mlsroad_pipeline.formats.kitti import write_labels
 from mlsroad_pipeline.formats.las.format import LasFormat
-from mlsroad_pipeline.formats.options import WriteOptions
 from mlsroad_pipeline.surveys.class_map_files import read_class_map
 from mlsroad_pipeline.surveys.given_classes import GivenParameters, given_columns, prediction_file, read_predictions
 

@@ -12,6 +12,7 @@ from mlsroad_pipeline.algorithms.quality.inspection import ColumnSummary, ScanLi
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.crs import parse_crs
 from mlsroad_pipeline.formats.las.format import LasFormat
+from mlsroad_pipeline.reporting import inspection_page
 from mlsroad_pipeline.reporting.inspection_page import survey_page
 from mlsroad_pipeline.surveys import inspection as inspect_work
 from mlsroad_pipeline.surveys.inspection import (
@@ -155,15 +156,16 @@ def test_columns_lines_and_times(rng):
     ]
 
 
-def test_a_warning_of_many_files_is_given_once(tmp_path, rng):
-    for number in range(13):
+def test_a_warning_of_many_files_is_given_once(tmp_path, rng, monkeypatch):
+    monkeypatch.setattr(inspection_page, "MOST_PICTURES", 2)
+    for number in range(4):
         columns = {"level": np.zeros(40, np.uint8)} if number == 2 else {}
         write(tmp_path / f"{number:02}.laz", PointCloud(np.round(rng.random((40, 3)), 3), columns, ORIGIN))
     files, unread = inspect_survey(InspectParameters(), root=str(tmp_path), read={})
     table = inspection_warnings(files, unread)
     told = table[table["warning"].str.startswith("no coordinate reference system")]
-    assert told["file"].tolist() == ["13 of 13 files, the first 00.laz"]
+    assert told["file"].tolist() == ["4 of 4 files, the first 00.laz"]
     assert "only some of the files have level" in table["warning"].tolist()
     assert table["warning"].is_unique
     page = page_of(str(tmp_path), files, table)
-    assert "From above: the first 12 of 13 files" in page and page.count("<figure>") == 12
+    assert "From above: the first 2 of 4 files" in page and page.count("<figure>") == 2

@@ -13,7 +13,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadErro
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.config import ParameterConfigLoader
 from mlsroad_pipeline.execution.parameter_checks import check_paths, with_text_of_paths
-from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.label.runs import planned_paths
 from mlsroad_pipeline.surveys.files import Survey, SurveyFile
 from mlsroad_pipeline.surveys.parameters import LabelParameters

@@ -16,7 +16,7 @@ from mlsroad_pipeline.algorithms.quality.tables import chunk_from_arrays
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart
 from mlsroad_pipeline.commands.app import app
-from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.label.checks import check_headers, output_problems
 from mlsroad_pipeline.label.writer import write_labelled

@@ -8,8 +8,8 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.scenes.corridor import MainAxis, corridor_from_arrays, corridor_to_arrays
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
+from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.las.format import LasFormat
-from mlsroad_pipeline.formats.options import ReadOptions, WriteOptions
 from mlsroad_pipeline.surveys.reading import constant_columns, describe_file, find_corridor, read_and_cut
 
 UTM = np.array([583_000.0, 4_477_000.0, 120.0])

@@ -73,6 +73,26 @@ def is_started() -> bool:
     return _started
 
 
+@contextmanager
+def beside(function: Callable[[], object]) -> Iterator[None]:
+    """Call a function in a process forked from the server while the body runs, and wait for it.
+
+    Side by side, two processes compile the kernels of a first run; each then loads those of the other.
+    """
+    server, number = os.getpid(), os.fork()
+    if number == 0:
+        try:
+            ctypes.CDLL(None).prctl(_END_WITH_PARENT, signal.SIGKILL)
+            if os.getppid() == server:
+                function()
+        finally:
+            os._exit(0)
+    try:
+        yield
+    finally:
+        os.waitpid(number, 0)
+
+
 def _with_one_thread(function: Callable[[], object]) -> None:
     """Call a function that imports libraries, which get the same limits of threads as in the workers."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}

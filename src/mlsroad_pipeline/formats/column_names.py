@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, MissingColumnError
-from mlsroad_pipeline.formats.base import ReadOptions
+from mlsroad_pipeline.formats.base import UNITS, ReadOptions
 from mlsroad_pipeline.formats.files import log_once
-from mlsroad_pipeline.formats.options import UNITS
 from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES
 
 # Standard name to its names in other programs, in lower case.

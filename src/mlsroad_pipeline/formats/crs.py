@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
 from mlsroad_pipeline.algorithms.core.plain_text import shortened
+from mlsroad_pipeline.formats.base import BY_CRS, ReadOptions
 from mlsroad_pipeline.formats.files import FileKey, file_key, log_once, unpacked_name, write_atomic
-from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 
 SIDECAR = ".prj"
 LARGEST = 1 << 20

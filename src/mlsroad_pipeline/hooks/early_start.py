@@ -44,6 +44,9 @@ def _load_libraries() -> None:
 
 
 def _run_stages() -> None:
-    from mlsroad_pipeline.label.warm_up import run_stages  # noqa: PLC0415  # the libraries hold it
+    from mlsroad_pipeline.label import warm_up  # noqa: PLC0415  # the libraries hold it
 
-    run_stages()
+    if warm_up.is_first_run():
+        with fork_server.beside(warm_up.run_network):
+            warm_up.run_other_stages()
+    warm_up.run_stages()

@@ -17,40 +17,12 @@ from kedro.pipeline import Pipeline
 from mlflow.entities import LoggedModelInput, Run, RunTag
 
 from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.datasets import report_files
 from mlsroad_pipeline.datasets.inventory_dataset import RoadInventoryDataset
 from mlsroad_pipeline.datasets.model_registry_dataset import RegisteredModelDataset
-from mlsroad_pipeline.datasets.report_files import (
-    FigureDataset,
-    HtmlReportDataset,
-    MetricSeriesDataset,
-    ReportFileDataset,
-    ScoresDataset,
-)
 from mlsroad_pipeline.execution.scratch import scratch_folder
+from mlsroad_pipeline.hooks import method_runs, run_details
 from mlsroad_pipeline.hooks.interrupted_runs import PROCESS, this_process
-from mlsroad_pipeline.hooks.method_runs import (
-    DataSets,
-    MethodRuns,
-    log_metrics,
-    log_params,
-    plain_metrics,
-    series_metrics,
-)
-from mlsroad_pipeline.hooks.run_details import (
-    environment,
-    fingerprint_files,
-    flatten_parameters,
-    git_state,
-    is_registered,
-    model_name,
-    pipeline_parameters,
-    run_name,
-    runner_name,
-    short_parameters,
-    source_files,
-    survey_name,
-    typed_command,
-)
 
 SUMMARY = "label_summary"
 """Catalog entry of the summary of `label`."""
@@ -120,12 +92,15 @@ class RunRecords:
         self._run_id, self._run_params = run.info.run_id, run_params
         self._pipeline, self._catalog = pipeline, catalog
         self._sources: set[str] = set()
-        self._name, survey = run_name(run_params, pipeline, catalog), survey_name(pipeline, catalog)
-        self._data_sets = DataSets(survey)
+        self._name, survey = (
+            run_details.run_name(run_params, pipeline, catalog),
+            run_details.survey_name(pipeline, catalog),
+        )
+        self._data_sets = method_runs.DataSets(survey)
         self._began = time.perf_counter()
         self._start(run)
         parent = mlflow.get_run(self._run_id)
-        self._methods = MethodRuns(parent, survey, self._data_sets, self._parameters_of)
+        self._methods = method_runs.MethodRuns(parent, survey, self._data_sets, self._parameters_of)
 
     def _start(self, run: Run) -> None:
         names = self._run_params.get("pipeline_names") or [self._run_params.get("pipeline_name") or "__default__"]
@@ -139,9 +114,9 @@ class RunRecords:
     def _parameters_of(self, method: str) -> dict[str, str]:
         own = [n for n in self._pipeline.nodes if any(made.startswith(f"{method}.") for made in n.outputs)]
         if own or (group := f"params:{method}") not in self._pipeline.inputs():
-            return short_parameters(pipeline_parameters(Pipeline(own), self._catalog))
-        return short_parameters(
-            flatten_parameters({method: self._catalog.load(group)})
+            return run_details.short_parameters(run_details.pipeline_parameters(Pipeline(own), self._catalog))
+        return run_details.short_parameters(
+            run_details.flatten_parameters({method: self._catalog.load(group)})
         )  # in a study, one plan takes all
 
     def before_saving(self, dataset_name: str) -> None:
@@ -152,30 +127,30 @@ class RunRecords:
 
     def add(self, dataset_name: str, data: Any) -> None:
         """Record a saved result."""
-        self._sources.update(source_files(data))
+        self._sources.update(run_details.source_files(data))
         self._data_sets.add(data)
         dataset, (owner, _, rest) = self._catalog.get(dataset_name), dataset_name.partition(".")
         run_id = (
             self._methods.run_id(owner)
-            if owner in METHODS and isinstance(dataset, FigureDataset | HtmlReportDataset)
+            if owner in METHODS and isinstance(dataset, report_files.FigureDataset | report_files.HtmlReportDataset)
             else self._run_id
         )
         if isinstance(dataset, RegisteredModelDataset):
             self._methods.close(dataset)
-        elif isinstance(dataset, ScoresDataset) and owner.endswith("_study"):
+        elif isinstance(dataset, report_files.ScoresDataset) and owner.endswith("_study"):
             self._methods.log_study(dataset.load())
-        elif isinstance(dataset, ScoresDataset):
+        elif isinstance(dataset, report_files.ScoresDataset):
             self._methods.log_scores(dataset.load())
-        elif isinstance(dataset, MetricSeriesDataset) and owner in METHODS:
+        elif isinstance(dataset, report_files.MetricSeriesDataset) and owner in METHODS:
             self._methods.log_series(owner, dataset.load())
-        elif isinstance(dataset, MetricSeriesDataset):
-            log_metrics(run_id, series_metrics(dataset.load(), prefix=f"{rest}/"))
-        elif isinstance(dataset, FigureDataset | HtmlReportDataset):
-            self._log_file(run_id, dataset, "figures" if isinstance(dataset, FigureDataset) else "reports")
+        elif isinstance(dataset, report_files.MetricSeriesDataset):
+            method_runs.log_metrics(run_id, method_runs.series_metrics(dataset.load(), prefix=f"{rest}/"))
+        elif isinstance(dataset, report_files.FigureDataset | report_files.HtmlReportDataset):
+            self._log_file(run_id, dataset, "figures" if isinstance(dataset, report_files.FigureDataset) else "reports")
         elif isinstance(dataset, RoadInventoryDataset):
             self._log_inventory(dataset, data)
         elif dataset_name in STAGE_TABLES:
-            log_metrics(run_id, plain_metrics(stage_metrics(data, STAGE_TABLES[dataset_name])))
+            method_runs.log_metrics(run_id, method_runs.plain_metrics(stage_metrics(data, STAGE_TABLES[dataset_name])))
         elif dataset_name == SUMMARY:
             self._log_label(data)
 
@@ -186,49 +161,51 @@ class RunRecords:
             if found := self._data_sets.all():
                 client.log_inputs(self._run_id, datasets=found)
             if self._sources:
-                fingerprint = fingerprint_files(sorted(self._sources))
+                fingerprint = run_details.fingerprint_files(sorted(self._sources))
                 client.set_tag(self._run_id, "data.fingerprint", fingerprint["digest"])
                 client.log_dict(self._run_id, fingerprint, "data_fingerprint.json")
         self._methods.finish(status)
 
     def _log_parameters(self) -> None:
         """Record the parameters of the pipeline under their dotted names, and all in full as `parameters.json`."""
-        flat = pipeline_parameters(self._pipeline, self._catalog)
-        log_params(self._run_id, short_parameters(flat))
+        flat = run_details.pipeline_parameters(self._pipeline, self._catalog)
+        method_runs.log_params(self._run_id, run_details.short_parameters(flat))
         text = json.dumps(flat, indent=2, ensure_ascii=False)
         mlflow.MlflowClient().log_text(self._run_id, text, "parameters.json")
 
     def _log_code_and_environment(self, project: Path) -> None:
         """Record the commit and whether files differ from it, the runner, Python, the platform and all packages."""
-        versions, packages = environment()
-        tags = versions | git_state(project)
+        versions, packages = run_details.environment()
+        tags = versions | run_details.git_state(project)
         if "git.commit" in tags:
             tags["mlflow.source.git.commit"] = tags["git.commit"]
         tags[PROCESS] = this_process()
-        tags["runner"] = runner_name(self._run_params.get("runner"))
+        tags["runner"] = run_details.runner_name(self._run_params.get("runner"))
         client = mlflow.MlflowClient()
         command = client.get_run(self._run_id).data.tags.get("kedro_command", "")
-        tags["kedro_command"] = typed_command(command, self._run_params.get("env"), sys.argv)
+        tags["kedro_command"] = run_details.typed_command(command, self._run_params.get("env"), sys.argv)
         client.log_batch(self._run_id, tags=[RunTag(name, value) for name, value in tags.items()])
         client.log_text(self._run_id, "\n".join(packages) + "\n", "environment/pip_freeze.txt")
 
     def _log_label(self, summary: Mapping[str, Any]) -> None:
         """Record what `label` found, and name the run after the model."""
         client, model = mlflow.MlflowClient(), summary["model"]
-        log_metrics(self._run_id, plain_metrics(label_metrics(summary, time.perf_counter() - self._began)))
-        labelled_with = model_name(model)
+        method_runs.log_metrics(
+            self._run_id, method_runs.plain_metrics(label_metrics(summary, time.perf_counter() - self._began))
+        )
+        labelled_with = run_details.model_name(model)
         tags = {"mlsroad.method": summary["method"], "mlsroad.model": labelled_with}
         if summary.get("unusual"):
             tags["mlsroad.unusual"] = "; ".join(summary["unusual"])
         for tag, value in tags.items():
             client.set_tag(self._run_id, tag, str(value))
         client.update_run(self._run_id, name=f"{self._name} with {labelled_with}")
-        if is_registered(model):
+        if run_details.is_registered(model):
             version = client.get_model_version(str(model["name"]), str(model["version"]))
             model_id = version.model_id or version.source.removeprefix("models:/")
             client.log_inputs(self._run_id, models=[LoggedModelInput(model_id)])
 
-    def _log_file(self, run_id: str, dataset: ReportFileDataset[Any, Any], folder: str) -> None:
+    def _log_file(self, run_id: str, dataset: report_files.ReportFileDataset[Any, Any], folder: str) -> None:
         """Record a file as an artifact."""
         with tempfile.TemporaryDirectory(dir=scratch_folder()) as temporary:
             path = Path(temporary) / dataset.filename

@@ -23,27 +23,8 @@ from mlsroad_pipeline.algorithms.inventory.objects.sections import part_of_path
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.execution.run_folder import OPEN_ENDINGS
-from mlsroad_pipeline.inventory_files import qgis_styles
-from mlsroad_pipeline.inventory_files.geopackage_tables import add_metadata, add_tables, metadata_of
-from mlsroad_pipeline.inventory_files.geopackage_views import add_views
-from mlsroad_pipeline.inventory_files.road_inventory import (
-    DECIDED,
-    LAYERS,
-    RoadInventory,
-    attributes,
-    base_points,
-    checked,
-    fields_of_layer,
-    footprint_text,
-    hulls,
-    line_attributes,
-    line_shapes,
-    note_columns,
-    path_of,
-    vehicle_boxes,
-    with_empty_text,
-    write_whole,
-)
+from mlsroad_pipeline.inventory_files import qgis_styles, road_inventory
+from mlsroad_pipeline.inventory_files.geopackage_tables import add_metadata, add_tables, add_views, metadata_of
 
 _FIXED_DATE = "2000-01-01T00:00:00.000Z"
 _OPTIONS = {"OGR_CURRENT_DATE": _FIXED_DATE, "OGR_SQLITE_SYNCHRONOUS": "OFF", "OGR_SQLITE_JOURNAL": "MEMORY"}
@@ -76,17 +57,17 @@ def without_times() -> Iterator[None]:
         pyogrio.set_gdal_config_options(before)
 
 
-def write_geopackage(inventory: RoadInventory, path: str | Path) -> None:
+def write_geopackage(inventory: road_inventory.RoadInventory, path: str | Path) -> None:
     """Write an inventory as layers of a GeoPackage."""
     target = Path(path)
-    table, crs = checked(inventory, target)
+    table, crs = road_inventory.checked(inventory, target)
     layers = _layers(inventory, table, crs)
     # The layer `objects` repeats the objects of the others and would cover their symbols.
     styles = {
         layer: qgis_styles.qml(layer, scaled=crs is not None, drawn=layer != "objects") for layer in qgis_styles.LAYERS
     }
 
-    columns, boxes = _columns_of_kinds(table), vehicle_boxes(table)
+    columns, boxes = _columns_of_kinds(table), road_inventory.vehicle_boxes(table)
     boxes[(table["kind"] != "vehicle").to_numpy()] = None
 
     def write(path: Path) -> None:
@@ -146,7 +127,7 @@ def _write_whole(target: Path, fill: Callable[[Path], None]) -> None:
         _check_whole(folder / target.name, target)
 
     with without_times():
-        write_whole(target.parent, write)
+        road_inventory.write_whole(target.parent, write)
 
 
 def _check_whole(path: Path, target: Path) -> None:
@@ -180,19 +161,19 @@ def _write_layers(path: Path, layers: Sequence[_Layer]) -> None:
             pyogrio.write_dataframe(layer.rows, path, layer=layer.name, dataset_options=options, **layer_options)
 
 
-def _layers(inventory: RoadInventory, table: pd.DataFrame, crs: CRS | None) -> list[_Layer]:
+def _layers(inventory: road_inventory.RoadInventory, table: pd.DataFrame, crs: CRS | None) -> list[_Layer]:
     """Return the layers in the order of the file."""
-    columns, points = attributes(table), base_points(table)
+    columns, points = road_inventory.attributes(table), road_inventory.base_points(table)
     layers = [_layer("objects", columns, geometry=points, kind=_POINT, crs=crs)]
     layers.append(_footprints(table, crs))
     for name, kind in LINE_LAYERS.items():
         if inventory.lines is None:
             break
         of_kind = inventory.lines[inventory.lines["kind"] == kind]
-        own = line_attributes(of_kind)[list(fields_of_layer(name))]
-        layers.append(_layer(name, own, geometry=line_shapes(of_kind), kind=_LINE, crs=crs))
+        own = road_inventory.line_attributes(of_kind)[list(road_inventory.fields_of_layer(name))]
+        layers.append(_layer(name, own, geometry=road_inventory.line_shapes(of_kind), kind=_LINE, crs=crs))
     if inventory.trajectory is not None:
-        length, line = path_of(inventory.trajectory)
+        length, line = road_inventory.path_of(inventory.trajectory)
         layers.append(_layer("trajectory", length, geometry=line, kind=_LINE, crs=crs))
         if inventory.sections is not None:
             lines = np.array(
@@ -211,22 +192,22 @@ def _columns_of_kinds(table: pd.DataFrame) -> dict[str, list[str]]:
     """Return the columns of the layers of kinds: their fields, and notes and attributes that one of the kind has."""
     return {
         layer: [
-            *fields_of_layer(layer),
-            *(n for n in note_columns(table) if (table[n][table["kind"] == kind] != "").any()),
+            *road_inventory.fields_of_layer(layer),
+            *(n for n in road_inventory.note_columns(table) if (table[n][table["kind"] == kind] != "").any()),
         ]
-        for layer, kind in LAYERS.items()
+        for layer, kind in road_inventory.LAYERS.items()
     }
 
 
 def _footprints(table: pd.DataFrame, crs: CRS | None) -> _Layer:
-    shapes = hulls(table)
+    shapes = road_inventory.hulls(table)
     present = ~shapely.is_missing(shapes)
     areas = [polygon_area(shapely.get_coordinates(shape)) for shape in shapes[present]]
     rows = table.loc[present, _OF_FOOTPRINTS].assign(area=np.round(np.array(areas, dtype=np.float64), 2))
     return _layer("footprints", rows, geometry=shapes[present], kind="Polygon", crs=crs)
 
 
-def read_geopackage(path: str | Path) -> RoadInventory:
+def read_geopackage(path: str | Path) -> road_inventory.RoadInventory:
     """Read an inventory from a GeoPackage of `write_geopackage`."""
     source = Path(path)
     if not source.is_file():
@@ -239,7 +220,7 @@ def read_geopackage(path: str | Path) -> RoadInventory:
         if layer not in layers:
             raise ReadError(f"{source}: no layer {layer!r} among {layers}")
     frame = gpd.read_file(source, layer="objects")
-    missing = [name for name in FIELDS if name not in ("footprint", *DECIDED) and name not in frame]
+    missing = [name for name in FIELDS if name not in ("footprint", *road_inventory.DECIDED) and name not in frame]
     if missing:
         raise ReadError(f"{source}: layer 'objects' has no field {missing[0]!r}")
     trajectory = None
@@ -255,12 +236,12 @@ def read_geopackage(path: str | Path) -> RoadInventory:
     crs = frame.crs.to_wkt() if known else None
     there = [name for name in LINE_LAYERS if name in layers]
     lines = numbered([_lines_of(source, name) for name in there]) if there else None
-    return RoadInventory(_objects_of(source, frame), crs, trajectory, sections, lines)
+    return road_inventory.RoadInventory(_objects_of(source, frame), crs, trajectory, sections, lines)
 
 
 def _lines_of(source: Path, layer: str) -> pd.DataFrame:
     frame = gpd.read_file(source, layer=layer)
-    missing = [name for name in fields_of_layer(layer) if name not in frame and name not in ADDED_FIELDS]
+    missing = [name for name in road_inventory.fields_of_layer(layer) if name not in frame and name not in ADDED_FIELDS]
     if missing:
         raise ReadError(f"{source}: layer {layer!r} has no field {missing[0]!r}")
     blank = {n: "" if field.dtype == "str" else np.nan for n, field in LINE_FIELDS.items()}
@@ -272,6 +253,6 @@ def _lines_of(source: Path, layer: str) -> pd.DataFrame:
 
 def _objects_of(source: Path, frame: gpd.GeoDataFrame) -> pd.DataFrame:
     shapes = gpd.read_file(source, layer="footprints")
-    text = footprint_text(shapes.geometry.to_numpy())
+    text = road_inventory.footprint_text(shapes.geometry.to_numpy())
     outlines = frame["object_id"].map(dict(zip(shapes["object_id"], text, strict=True))).astype(object).fillna("")
-    return with_empty_text(frame.drop(columns="geometry").assign(footprint=outlines))
+    return road_inventory.with_empty_text(frame.drop(columns="geometry").assign(footprint=outlines))

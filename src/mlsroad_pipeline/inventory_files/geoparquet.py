@@ -14,20 +14,7 @@ import shapely
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS, OBJECT_FIELDS
 from mlsroad_pipeline.formats.files import atomic_file
-from mlsroad_pipeline.inventory_files.road_inventory import (
-    DECIDED,
-    MAY_LACK,
-    RoadInventory,
-    attributes,
-    base_points,
-    checked,
-    footprint_text,
-    hulls,
-    is_note,
-    note_columns,
-    note_field,
-    with_empty_text,
-)
+from mlsroad_pipeline.inventory_files import road_inventory
 
 VERSION = "1.1.0"
 
@@ -45,24 +32,26 @@ def _corrected(metadata: bytes, points: np.ndarray) -> str:
 
 def _described(field: pa.Field) -> pa.Field:
     """Return a field of a schema with the heading and the definition of its column."""
-    if field.name == "footprint" or not (field.name in FIELDS or is_note(field.name)):
+    if field.name == "footprint" or not (field.name in FIELDS or road_inventory.is_note(field.name)):
         return field
-    column = FIELDS.get(field.name) or note_field(field.name)
+    column = FIELDS.get(field.name) or road_inventory.note_field(field.name)
     return field.with_metadata({"alias": column.alias, "description": column.description})
 
 
-def write_geoparquet(inventory: RoadInventory, path: str | Path) -> None:
+def write_geoparquet(inventory: road_inventory.RoadInventory, path: str | Path) -> None:
     """Write an inventory as a GeoParquet file.
 
     `geometry` holds the base points and `footprint` the polygons, both as WKB; `bbox` covers `geometry`. Every other
     column carries its description as field metadata.
     """
     target = Path(path)
-    table, crs = checked(inventory, target)
-    points = base_points(table)
-    columns = attributes(table).astype(dict.fromkeys((*MAY_LACK, *note_columns(table)), "str"))
+    table, crs = road_inventory.checked(inventory, target)
+    points = road_inventory.base_points(table)
+    columns = road_inventory.attributes(table).astype(
+        dict.fromkeys((*road_inventory.MAY_LACK, *road_inventory.note_columns(table)), "str")
+    )
     frame = gpd.GeoDataFrame(columns, geometry=gpd.GeoSeries(points, crs=crs))
-    frame["footprint"] = gpd.GeoSeries(hulls(table), crs=crs)
+    frame["footprint"] = gpd.GeoSeries(road_inventory.hulls(table), crs=crs)
     written = BytesIO()
     frame.to_parquet(written, index=False, schema_version=VERSION, write_covering_bbox=True)
     plain = pq.read_table(written)
@@ -72,7 +61,7 @@ def write_geoparquet(inventory: RoadInventory, path: str | Path) -> None:
         pq.write_table(plain.cast(schema), stream, compression="zstd")
 
 
-def read_geoparquet(path: str | Path) -> RoadInventory:
+def read_geoparquet(path: str | Path) -> road_inventory.RoadInventory:
     """Read an inventory from a GeoParquet file of `write_geoparquet`."""
     source = Path(path)
     if not source.is_file():
@@ -83,10 +72,12 @@ def read_geoparquet(path: str | Path) -> RoadInventory:
         raise ReadError(f"{source}: not a Parquet file") from error
     except ValueError as error:
         raise ReadError(f"{source}: Parquet without the metadata of GeoParquet") from error
-    missing = [name for name in OBJECT_FIELDS if name not in table and name not in DECIDED]
+    missing = [name for name in OBJECT_FIELDS if name not in table and name not in road_inventory.DECIDED]
     if missing:
         raise ReadError(f"{source}: no column {missing[0]!r}")
-    objects = pd.DataFrame(table[[name for name in (*OBJECT_FIELDS, *note_columns(table)) if name in table]])
-    objects["footprint"] = footprint_text(table["footprint"].to_numpy())
+    objects = pd.DataFrame(
+        table[[name for name in (*OBJECT_FIELDS, *road_inventory.note_columns(table)) if name in table]]
+    )
+    objects["footprint"] = road_inventory.footprint_text(table["footprint"].to_numpy())
     crs = None if table.crs is None else table.crs.to_wkt()
-    return RoadInventory(with_empty_text(objects), crs)
+    return road_inventory.RoadInventory(road_inventory.with_empty_text(objects), crs)

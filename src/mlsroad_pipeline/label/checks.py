@@ -1,8 +1,9 @@
-"""Checks before the labelling that the results of each file can be written."""
+"""Checks before the labelling: device of the model, and whether the results of each file can be written."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from shlex import quote
 from typing import Any
@@ -15,12 +16,15 @@ from pyproj.exceptions import CRSError
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.core.plain_text import shortened
+from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.algorithms.models.labelling import member
+from mlsroad_pipeline.algorithms.models.methods import METHODS
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
 from mlsroad_pipeline.execution.collection import SceneCollection
+from mlsroad_pipeline.formats.base import BY_CRS, ReadOptions
 from mlsroad_pipeline.formats.crs import crs_units
 from mlsroad_pipeline.formats.las.copc import POINT_FORMATS
 from mlsroad_pipeline.formats.las.header import LasHeader
-from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.inventory_files.vector_files import prj_text, to_wgs84
 from mlsroad_pipeline.label.inventory import read_sections, survey_crs
@@ -202,3 +206,30 @@ def _check_exports(crs: str | None, path: str, export: Sequence[str]) -> None:
         to_wgs84(known, path)
     if known is not None and {"csv", "shapefile", "dxf"}.intersection(export):
         prj_text(known, path)
+
+
+_IMAGES = "image_labels"
+
+
+def check_device(bundle: ModelBundle) -> None:
+    """Raise ParameterError for a device that is missing, and warn of a GPU that fails; workers print no warnings."""
+    for source, device in _devices(bundle):
+        if source == "onnx":
+            METHODS[_IMAGES].function(".segmentation:segmenter_of")(
+                bundle if bundle.slug == _IMAGES else member(bundle, _IMAGES)
+            )
+        elif source != "masks" and (device == "cuda" or not version("torch").endswith("+cpu")):
+            from mlsroad_pipeline.algorithms.models.machines.torch_training import find_device  # noqa: PLC0415  it imports torch
+
+            find_device(device)
+
+
+def _devices(bundle: ModelBundle) -> Iterator[tuple[str | None, str]]:
+    """Yield the source of the segmentation, if there is one, and the device of each network of a model."""
+    members: Mapping[str, Any] = bundle.metadata.get("members", {})
+    for metadata in (bundle.metadata, *members.values()):
+        parameters = metadata.get("parameters", {})
+        recogniser = parameters.get("recogniser", {})
+        for owner in (parameters, recogniser, recogniser.get("training", {})):
+            if "device" in owner:
+                yield metadata.get("segmentation", {}).get("source"), str(owner["device"])

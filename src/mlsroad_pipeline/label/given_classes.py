@@ -20,15 +20,7 @@ from mlsroad_pipeline.algorithms.ground.surface import height_above_ground
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import ground_classes
 from mlsroad_pipeline.algorithms.models.boosted_trees.corrected import labeller_of
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
-from mlsroad_pipeline.algorithms.models.given_labels.labeller import (
-    CONFIDENCE,
-    LABEL,
-    NUMBER_CONFIDENCE,
-    PROBABILITIES,
-    SLUG,
-    pool_with_given,
-    with_kept_labels,
-)
+from mlsroad_pipeline.algorithms.models.given_labels import labeller as given_labels
 from mlsroad_pipeline.algorithms.models.labelling import SoftLabels
 from mlsroad_pipeline.algorithms.stages import find_ground, inlier_rows, inliers
 from mlsroad_pipeline.formats.registry import get_format
@@ -87,7 +79,7 @@ def given_classes(
     given, scheme = plan.given, bundle_scheme(bundle)
     if not given.in_use:
         return None
-    if given.labels is not None and given.weight is None and labeller_of(bundle).slug != SLUG:
+    if given.labels is not None and given.weight is None and labeller_of(bundle).slug != given_labels.SLUG:
         raise ParameterError(
             f"label.given.labels take the place of the model {bundle.slug}: set label.given.weight to pool them, or "
             "leave out label.method and label.model"
@@ -142,11 +134,11 @@ def with_given(scene: PointCloud, given: GivenClasses | None, scheme: ClassSchem
 def _predicted(scene: PointCloud, legend: Legend, scheme: ClassScheme) -> dict[str, NDArray]:
     if source.PROBABILITIES in scene:
         scores = scene[source.PROBABILITIES][None]
-        return {PROBABILITIES: legend.of_scores(scores, scheme, source=scene.source)[0]}
+        return {given_labels.PROBABILITIES: legend.of_scores(scores, scheme, source=scene.source)[0]}
     label = legend.labels(scheme)[legend.places(scene[source.PREDICTED], source=f"predictions of {scene.source}")]
     stated = scene.get(source.CONFIDENCE)
-    sure = np.full(len(scene), NUMBER_CONFIDENCE, dtype=np.float32) if stated is None else stated
-    return {LABEL: label, CONFIDENCE: np.where(label < 0, np.float32(0), sure)}
+    sure = np.full(len(scene), given_labels.NUMBER_CONFIDENCE, dtype=np.float32) if stated is None else stated
+    return {given_labels.LABEL: label, given_labels.CONFIDENCE: np.where(label < 0, np.float32(0), sure)}
 
 
 def _check_clashes(scene: PointCloud, clashes: Mapping[int, str]) -> None:
@@ -199,13 +191,13 @@ def labels_with_given(
     if given is None:
         return soft
     if given.weight is not None:
-        soft = pool_with_given(soft, scene, float(given.weight))
+        soft = given_labels.pool_with_given(soft, scene, float(given.weight))
     if given.kept is None:
         return soft
     label, is_ground = scene[KEPT_LABEL], np.append(ground_classes(scheme), False)  # the last is of no class
     chosen = scene[ANY_GROUND] & is_ground[soft.labels]
     label = np.where(chosen, soft.labels, label).astype(np.int16)
-    return with_kept_labels(soft, label != NOT_KEPT, np.maximum(label, IGNORE), len(scheme))
+    return given_labels.with_kept_labels(soft, label != NOT_KEPT, np.maximum(label, IGNORE), len(scheme))
 
 
 def kept_codes(scene: PointCloud) -> NDArray[np.uint8] | None:

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.codings import NOISE_CODES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.core.las_codes import NOISE_CODES
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import ground_classes
 from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import GROUPS, group_shares
-from mlsroad_pipeline.algorithms.inventory.objects.keys import new_keys
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
+from mlsroad_pipeline.algorithms.inventory.objects.table import new_keys
 from mlsroad_pipeline.algorithms.inventory.register.seen_space import (
     FURNITURE,
     LOW_VEGETATION,
@@ -160,6 +160,16 @@ def trajectories_of(output: LabelledOutput, inventory: RoadInventory) -> dict[Pa
     return {path: read_trajectory(path, crs=inventory.crs, factors=factors) for path in paths if path.is_file()}
 
 
+def kept_codes(output: LabelledOutput, scheme: ClassScheme) -> dict[int, int]:
+    """Return the class of each code that points of the survey kept, beside the codes of the scheme itself."""
+    settings = output.record["settings"]
+    given = GivenParameters.from_config(settings["label"].get("given") or {})
+    kept = given.kept_legend(scheme, (settings.get("classes") or {}).get("codings") or {})
+    own = set(scheme.codes(output.written_scheme).tolist())
+    pairs = () if kept is None else zip(kept.numbers, kept.labels(scheme).tolist(), strict=True)
+    return {number: label for number, label in pairs if label >= 0 and number < 256 and number not in own}
+
+
 def meaning_of_codes(
     output: LabelledOutput, scheme: ClassScheme
 ) -> tuple[NDArray[np.bool_], NDArray[np.uint8], NDArray[np.int16]]:
@@ -174,13 +184,8 @@ def meaning_of_codes(
     furniture = [any(member in _FURNITURE for member in members) for members in scheme.members]
     kind[codes[furniture]] = FURNITURE
     kind[codes[group_shares(scheme)[:, GROUPS.index("low vegetation")] > 0.5]] = LOW_VEGETATION
-    settings = output.record["settings"]
-    given = GivenParameters.from_config(settings["label"].get("given") or {})
-    kept = given.kept_legend(scheme, (settings.get("classes") or {}).get("codings") or {})
-    if kept is not None:
-        for number, own in zip(kept.numbers, kept.labels(scheme).tolist(), strict=True):
-            if own >= 0 and number < len(kind) and number not in codes:
-                is_ground[number], kind[number], label[number] = is_ground[codes[own]], kind[codes[own]], own
+    for number, own in kept_codes(output, scheme).items():
+        is_ground[number], kind[number], label[number] = is_ground[codes[own]], kind[codes[own]], own
     return is_ground, kind, label
 
 

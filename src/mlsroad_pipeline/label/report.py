@@ -30,17 +30,8 @@ from mlsroad_pipeline.reporting.clouds.pictures import (
     overview_picture,
     scene_pictures,
 )
+from mlsroad_pipeline.reporting.html import report as html
 from mlsroad_pipeline.reporting.html.objects import object_map_section, object_table_section, shown_objects
-from mlsroad_pipeline.reporting.html.report import (
-    Picture,
-    Section,
-    distribution_section,
-    facts_section,
-    gallery_section,
-    scene_section,
-    table_section,
-    warnings_section,
-)
 from mlsroad_pipeline.review.corrections.line_decisions import corrected_lines
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 
@@ -54,7 +45,7 @@ class ReportPictures(NamedTuple):
     frame: MapFrame
     background: NDArray[np.uint8] | None
     scene: dict[str, NDArray[np.uint8]]
-    objects: dict[str, list[Picture]]
+    objects: dict[str, list[html.Picture]]
 
 
 def report_pictures(results: SceneCollection, inventory: RoadInventory, palette: NDArray[np.uint8]) -> ReportPictures:
@@ -99,9 +90,11 @@ def _busiest(
     return {text[0].upper() + text[1:]: picture for text, picture in zip(captions, (above, side), strict=True)}
 
 
-def _extremes(samples: SceneCollection, objects: pd.DataFrame, palette: NDArray[np.uint8]) -> dict[str, list[Picture]]:
+def _extremes(
+    samples: SceneCollection, objects: pd.DataFrame, palette: NDArray[np.uint8]
+) -> dict[str, list[html.Picture]]:
     """Return a picture of the most and of the least certain object of each kind."""
-    shown: dict[str, list[Picture]] = {}
+    shown: dict[str, list[html.Picture]] = {}
     for kind, rows in objects[objects["scene"].isin(list(samples))].groupby("kind", sort=True):
         ordered = rows.sort_values(["score", "object_id"], ascending=[False, True], kind="stable")
         ends = (
@@ -110,7 +103,7 @@ def _extremes(samples: SceneCollection, objects: pd.DataFrame, palette: NDArray[
             else {"only one": ordered.iloc[0]}
         )
         shown[str(kind)] = [
-            Picture(
+            html.Picture(
                 _picture(row, samples[row["scene"]].load(), palette),
                 f"{text}: {row['object_id']} {row['class']}, score {row['score']:.2f}, {row['height']:.1f} m high",
             )
@@ -164,7 +157,7 @@ def label_report_sections(
     pictures: ReportPictures,
     warnings: Sequence[str],
     doubts: pd.DataFrame,
-) -> list[Section]:
+) -> list[html.Section]:
     """Return the sections of the report."""
     scheme = bundle_scheme(bundle)
     total = summed_counts(written)
@@ -188,23 +181,23 @@ def label_report_sections(
         *(
             []
             if inventory.sections is None
-            else [table_section("Sections of the road", inventory.sections, SECTION_NOTE)]
+            else [html.table_section("Sections of the road", inventory.sections, SECTION_NOTE)]
         ),
-        facts_section("Run", facts),
-        warnings_section("Warnings", list(warnings)),
-        *([] if doubts.empty else [table_section("Places to check", _first_doubts(doubts), PLACES_NOTE)]),
-        distribution_section("Classes", class_counts(bundle, total), scheme=scheme),
-        table_section("Confidence", confidence_table(total["confidences"], scheme.classes), CONFIDENCE_NOTE),
+        html.facts_section("Run", facts),
+        html.warnings_section("Warnings", list(warnings)),
+        *([] if doubts.empty else [html.table_section("Places to check", _first_doubts(doubts), PLACES_NOTE)]),
+        html.distribution_section("Classes", class_counts(bundle, total), scheme=scheme),
+        html.table_section("Confidence", confidence_table(total["confidences"], scheme.classes), CONFIDENCE_NOTE),
         _object_table(inventory.objects, pictures),
         *_line_table(lines),
-        table_section("Quality of the survey", quality),
-        table_section("Files written", pd.DataFrame({"file": written_clouds(written)})),
+        html.table_section("Quality of the survey", quality),
+        html.table_section("Files written", pd.DataFrame({"file": written_clouds(written)})),
     ]
 
 
 def _map_and_pictures(
     inventory: RoadInventory, table: pd.DataFrame | None, pictures: ReportPictures, scheme: ClassScheme
-) -> list[Section]:
+) -> list[html.Section]:
     """Return the map, pictures of a scene with the colours of the classes, and of single objects."""
     objects, trajectory = inventory.objects, inventory.trajectory
     counts = {str(kind): int(n) for kind, n in objects["kind"].value_counts().sort_index().items()}
@@ -213,8 +206,8 @@ def _map_and_pictures(
     colours = dict(zip(scheme.classes, class_palette(scheme), strict=False))
     return [
         object_map_section("Map", shown_objects(objects), pictures.frame, counts, path, pictures.background, lines),
-        scene_section("Pictures", pictures.scene, colours),
-        gallery_section("Most and least certain objects", pictures.objects, OBJECT_NOTE),
+        html.scene_section("Pictures", pictures.scene, colours),
+        html.gallery_section("Most and least certain objects", pictures.objects, OBJECT_NOTE),
     ]
 
 
@@ -226,18 +219,20 @@ def _lines_by_kind(table: pd.DataFrame | None) -> dict[str, list[NDArray[np.floa
     return {str(kind): [xyz[:, :2] for xyz in line_vertices(lines)] for kind, lines in kept.groupby("kind")}
 
 
-def _line_table(table: pd.DataFrame | None) -> list[Section]:
+def _line_table(table: pd.DataFrame | None) -> list[html.Section]:
     """Return the section with all lines, the long ones first."""
     if table is None:
         return []
     fields = {**LINE_FIELDS, "status": FIELDS["status"]}
     rows = table.sort_values("length", ascending=False, kind="stable")[list(_LISTED_OF_LINES)]
     return [
-        table_section("Lines", rows.rename(columns={name: fields[name].alias for name in _LISTED_OF_LINES}), LINE_NOTE)
+        html.table_section(
+            "Lines", rows.rename(columns={name: fields[name].alias for name in _LISTED_OF_LINES}), LINE_NOTE
+        )
     ]
 
 
-def _object_table(objects: pd.DataFrame, pictures: ReportPictures) -> Section:
+def _object_table(objects: pd.DataFrame, pictures: ReportPictures) -> html.Section:
     """Return the section with all objects."""
     shown = shown_objects(objects)
     total = objects.groupby(["kind", "class"], sort=True).size().rename("objects").reset_index()

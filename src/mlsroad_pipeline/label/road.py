@@ -10,8 +10,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.codings import NOISE_CODES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.core.las_codes import NOISE_CODES
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import ground_classes
 from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import paved_classes
 from mlsroad_pipeline.algorithms.inventory.objects.sections import equal_sections, section_table
@@ -43,8 +43,8 @@ from mlsroad_pipeline.formats.las.header import class_names, read_header
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.inventory_files.cross_sections import CrossSection
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, line_vertices
+from mlsroad_pipeline.label.labelled_clouds import kept_codes
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
-from mlsroad_pipeline.surveys.given_classes import GivenParameters
 
 logger = logging.getLogger(__name__)
 
@@ -101,12 +101,8 @@ class _Clouds:
         labels = np.full(256, _UNKNOWN, dtype=np.uint8)
         codes = scheme.codes(output.written_scheme)
         labels[codes] = np.arange(len(scheme))
-        settings = output.record["settings"]
-        given = GivenParameters.from_config(settings["label"].get("given") or {})
-        kept = given.kept_legend(scheme, (settings.get("classes") or {}).get("codings") or {})
-        for number, label in () if kept is None else zip(kept.numbers, kept.labels(scheme).tolist(), strict=True):
-            if label >= 0 and number < len(labels) and number not in codes:
-                labels[number] = label
+        for number, label in kept_codes(output, scheme).items():
+            labels[number] = label
         return cls(output, scheme, labels)
 
     def roles(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:

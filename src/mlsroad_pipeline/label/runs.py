@@ -8,17 +8,9 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ParameterError, ReadError
+from mlsroad_pipeline.execution import run_folder
 from mlsroad_pipeline.execution.fingerprints import code_digest
 from mlsroad_pipeline.execution.output_lock import lock_output
-from mlsroad_pipeline.execution.run_folder import (
-    OVERWRITE,
-    UNFINISHED,
-    OutputExistsError,
-    RunFolder,
-    check_closed,
-    entries_of,
-    state_of,
-)
 from mlsroad_pipeline.execution.run_identity import FINISHED
 from mlsroad_pipeline.formats.crs import SIDECAR
 from mlsroad_pipeline.formats.las.copc import copc_path
@@ -117,10 +109,10 @@ def plan_inputs(plan: SurveyPlan) -> list[dict[str, Any]]:
     """Return the files of a survey and their trajectories as entries of a record."""
     paths = [Path(file.source.path) for file in plan.files]
     paths += [Path(file.source.trajectory) for file in plan.files if file.source.trajectory]
-    return entries_of(str(path.absolute()) for path in paths)
+    return run_folder.entries_of(str(path.absolute()) for path in paths)
 
 
-def open_run(plan: SurveyPlan, parameters: LabelParameters, run: RunFolder) -> None:
+def open_run(plan: SurveyPlan, parameters: LabelParameters, run: run_folder.RunFolder) -> None:
     """Lock the output, check for every target that it may be written, and begin the record.
 
     Raises OutputInUseError if another process writes to the output, and OutputExistsError for a file that this run did
@@ -132,23 +124,23 @@ def open_run(plan: SurveyPlan, parameters: LabelParameters, run: RunFolder) -> N
     run.clean()
     before, inputs = run.read(), plan_inputs(plan)
     for target in targets:
-        check_closed(Path(target))
+        run_folder.check_closed(Path(target))
     refused = _refusals(targets, inputs, before, run)
     if refused and not parameters.overwrite:
         more = f"; {len(refused) - 1} more refused" if len(refused) > 1 else ""
-        raise OutputExistsError(f"{refused[0]}; {OVERWRITE}{more}")
+        raise run_folder.OutputExistsError(f"{refused[0]}; {run_folder.OVERWRITE}{more}")
     if refused:
         logger.warning("Replaces %d files: %s", len(refused), refused[0])
         run.remove_stores("written")  # so that all of them are written again
-    if before.get("state") == UNFINISHED:
+    if before.get("state") == run_folder.UNFINISHED:
         logger.info("Going on with the unfinished run in %s", run.path)
     kept = before.get("outputs", [])
     record = {"settings": run.settings, "code": code_digest(), "inputs": inputs, "outputs": kept}
-    run.write({**record, "state": UNFINISHED, "overwrite": bool(refused)})
+    run.write({**record, "state": run_folder.UNFINISHED, "overwrite": bool(refused)})
 
 
 def _refusals(
-    targets: Sequence[str], inputs: list[dict[str, Any]], before: Mapping[str, Any], run: RunFolder
+    targets: Sequence[str], inputs: list[dict[str, Any]], before: Mapping[str, Any], run: run_folder.RunFolder
 ) -> list[str]:
     """Return why existing targets may not be replaced, one line each."""
     changed = _changed_input(inputs, before)
@@ -175,7 +167,7 @@ def _changed_input(inputs: list[dict[str, Any]], before: Mapping[str, Any]) -> s
 
 
 def missing_outputs(
-    run: RunFolder, record: Mapping[str, Any], plan: SurveyPlan, parameters: LabelParameters
+    run: run_folder.RunFolder, record: Mapping[str, Any], plan: SurveyPlan, parameters: LabelParameters
 ) -> list[str] | None:
     """Return the copies, exports and photos that a finished run lacks.
 
@@ -187,7 +179,7 @@ def missing_outputs(
         if _changed_input(plan_inputs(plan), record):
             return None
         others = record.get("other_inputs", [])
-        if entries_of(entry["path"] for entry in others) != others:
+        if run_folder.entries_of(entry["path"] for entry in others) != others:
             return None
         versions = run.versions()
         alone = replace(parameters, copc=False, coloured_ply=False, export=(), photos=False)
@@ -199,16 +191,16 @@ def missing_outputs(
         return None
 
 
-def _further_parts(run: RunFolder, parameters: LabelParameters, versions: Collection[str]) -> list[str]:
+def _further_parts(run: run_folder.RunFolder, parameters: LabelParameters, versions: Collection[str]) -> list[str]:
     """Return files of an earlier run that depend on its survey, and belong to ordered exports and photos."""
     names = {name for form in parameters.export for name in EXPORTS[form].others}
     photos = [name for name in versions if parameters.photos and PurePosixPath(name).parent == PurePosixPath(FOLDER)]
     return [str(run.output / name) for name in (*sorted(names & {*versions}), *sorted(photos))]
 
 
-def _is_written(run: RunFolder, path: str, versions: Mapping[str, Sequence[Any]]) -> bool:
+def _is_written(run: run_folder.RunFolder, path: str, versions: Mapping[str, Sequence[Any]]) -> bool:
     """Return whether a file is as the run has written it."""
-    return state_of(path) in versions.get(Path(path).relative_to(run.output).as_posix(), ())
+    return run_folder.state_of(path) in versions.get(Path(path).relative_to(run.output).as_posix(), ())
 
 
 def is_companion(name: str, written: Collection[str]) -> bool:

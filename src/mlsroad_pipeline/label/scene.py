@@ -14,8 +14,12 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
 from mlsroad_pipeline.algorithms.geometry.thinning import first_in_cells
 from mlsroad_pipeline.algorithms.inventory.lines.barriers import barrier_cells
-from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import ground_classes, kerb_steps, no_steps
-from mlsroad_pipeline.algorithms.inventory.lines.kerbs.steps import StepLimits
+from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import (
+    StepLimits,
+    ground_classes,
+    kerb_steps,
+    no_steps,
+)
 from mlsroad_pipeline.algorithms.inventory.lines.markings.brightness import scanner_pass_of
 from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import (
     marking_stripes,

@@ -15,7 +15,7 @@ from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.task import Deferred, SceneTask, SourceFile, StoredResult
-from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.label.alignment import PassMove
 from mlsroad_pipeline.label.images import CameraView, LabelImages, SceneViews, label_pieces_with_images, views_of_scene
 from mlsroad_pipeline.label.inventory import OBJECTS, scenes_of

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.palette import las_palette
 from mlsroad_pipeline.algorithms.inventory.scoring.object_scores import FALSE, MISSED, RIGHT
-from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.label.object_scoring import ScoredInventory
 from mlsroad_pipeline.reporting.clouds.pictures import object_picture

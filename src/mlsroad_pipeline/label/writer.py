@@ -10,11 +10,11 @@ import lazrs
 import numpy as np
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.codings import NOISE_CODES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.core.las_codes import NOISE_CODES
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_column
-from mlsroad_pipeline.formats.base import PointFormat, ReadOptions, WriteOptions
+from mlsroad_pipeline.formats.base import BY_CRS, PointFormat, ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.crs import parse_crs, sidecar_crs
 from mlsroad_pipeline.formats.files import LAZ_CHUNK, atomic_file
 from mlsroad_pipeline.formats.labelled_names import CLASS, CONFIDENCE, OBJECT, RESULTS, PointLabels
@@ -27,7 +27,6 @@ from mlsroad_pipeline.formats.las.records import RecordReader
 from mlsroad_pipeline.formats.las.upgrade import upgrade_records, upgraded_header
 from mlsroad_pipeline.formats.las.writer import RecordWriter
 from mlsroad_pipeline.formats.native_labels import LabelSink, native_path, native_sink
-from mlsroad_pipeline.formats.options import BY_CRS
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.surveys.reading import options_in_use
 

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.codings import CODE_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.task import StoredResult
+from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.labelled_names import PointLabels
 from mlsroad_pipeline.formats.las.copc import copc_path, write_copc
-from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.ply.coloured_ply import coloured_path, write_coloured_ply
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.label.confidence import N_BINS, count_confidences

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.features.voxel_table import voxel_feature_names
+from mlsroad_pipeline.algorithms.inventory.objects.measured_rows import FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import STEM, LabelledCandidates, ObjectClassifier
-from mlsroad_pipeline.algorithms.inventory.objects.object_features import FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.plates import PLATE, PLATE_FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import STEM_FEATURES

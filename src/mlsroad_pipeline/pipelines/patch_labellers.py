@@ -18,10 +18,9 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.model_store.bundle_files import ModelFile
 from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import PatchGraphParameters
 from mlsroad_pipeline.papers.luo2016.patch_graph.refined_classifier import GridParameters
-from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
+from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters, PatchStages
 from mlsroad_pipeline.papers.shared.patches.labelling import label_patch_scene
 from mlsroad_pipeline.papers.shared.patches.training import PatchTraining, join_training_scenes, number_surveys
-from mlsroad_pipeline.papers.shared.patches.types import PatchStages
 from mlsroad_pipeline.pipelines.per_scene import MODEL, fix_arguments, named_node
 from mlsroad_pipeline.pipelines.schemes import training_scheme
 from mlsroad_pipeline.pipelines.training_facts import labelling

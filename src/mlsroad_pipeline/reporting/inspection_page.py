@@ -10,7 +10,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
+from mlsroad_pipeline.algorithms.core.codings import CODE_NAMES
 from mlsroad_pipeline.algorithms.quality.inspection import SurveyMap
 from mlsroad_pipeline.reporting.figures import empty_figure, tidy_axes
 from mlsroad_pipeline.reporting.html.report import (

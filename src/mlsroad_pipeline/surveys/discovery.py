@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
+from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.files import first_bytes, unpacked_name
 from mlsroad_pipeline.formats.las.copc import SUFFIX
 from mlsroad_pipeline.formats.las.header import read_header
-from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.pcd.header import read_pcd_header
 from mlsroad_pipeline.formats.ply.header import read_ply_header
 from mlsroad_pipeline.formats.registry import FORMATS, format_of_name, get_format, known_extensions

@@ -13,8 +13,8 @@ import pandas as pd
 import pyproj
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.core.codings import NOISE_CODES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.core.las_codes import NOISE_CODES
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_positive
 from mlsroad_pipeline.algorithms.inventory.objects.sightings import PASS_GAP, visit_columns
@@ -29,8 +29,7 @@ from mlsroad_pipeline.algorithms.quality.inspection import (
     time_base,
 )
 from mlsroad_pipeline.algorithms.quality.report import QualityReport
-from mlsroad_pipeline.formats.base import FileInfo, PointFormat, ReadOptions
-from mlsroad_pipeline.formats.options import NEW_SURVEY
+from mlsroad_pipeline.formats.base import NEW_SURVEY, FileInfo, PointFormat, ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.surveys.files import Survey
 from mlsroad_pipeline.surveys.offset_warnings import offset_facts, offset_warnings

@@ -9,13 +9,12 @@ from typing import Any
 from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.algorithms.core.validation import check_positive
-from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import LEAST_LENGTH
-from mlsroad_pipeline.algorithms.inventory.lines.kerbs.steps import StepLimits
+from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import LEAST_LENGTH, StepLimits
 from mlsroad_pipeline.algorithms.inventory.lines.markings import marking_lines
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.models.given_labels.labeller import SLUG as GIVEN_LABELS
+from mlsroad_pipeline.formats.base import NEW_SURVEY, TAXONOMY_CODING, ReadOptions
 from mlsroad_pipeline.formats.crs import parse_crs
-from mlsroad_pipeline.formats.options import NEW_SURVEY, TAXONOMY_CODING, ReadOptions
 from mlsroad_pipeline.surveys.given_classes import GivenParameters
 
 

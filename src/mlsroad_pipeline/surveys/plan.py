@@ -18,7 +18,7 @@ from mlsroad_pipeline.algorithms.scenes.binning import BinCounts
 from mlsroad_pipeline.algorithms.scenes.joining import SceneSpan, plan_scenes
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart, split_config
-from mlsroad_pipeline.formats.options import ReadOptions
+from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.surveys.files import Survey, SurveyFile, check_name, files_to_label
 from mlsroad_pipeline.surveys.given_classes import GivenParameters, prediction_file
 from mlsroad_pipeline.surveys.parameters import LabelParameters, SurveyParameters

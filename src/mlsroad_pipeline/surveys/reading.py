@@ -24,10 +24,9 @@ from mlsroad_pipeline.algorithms.scenes.corridor import (
 from mlsroad_pipeline.algorithms.scenes.splits import SplitPart
 from mlsroad_pipeline.algorithms.scenes.trajectory_estimation import SHARED, measured_times, trajectory_from_windows
 from mlsroad_pipeline.algorithms.scenes.weeks import continued
-from mlsroad_pipeline.formats.base import PointFormat
+from mlsroad_pipeline.formats.base import BY_CRS, PointFormat, ReadOptions
 from mlsroad_pipeline.formats.crs import crs_label, is_same_crs, parse_crs, with_units
 from mlsroad_pipeline.formats.files import spread_starts
-from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 from mlsroad_pipeline.surveys.given_classes import GivenParameters, given_columns
 from mlsroad_pipeline.surveys.trajectory_files import coverage_note, distance_note, in_weeks_of, read_trajectory

@@ -12,17 +12,9 @@ from mlsroad_pipeline.algorithms.core.codings import Coding
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.core.labelled_recording import LabelledRecording
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.algorithms.scenes.parts import (
-    NEITHER,
-    TEST,
-    TRAIN,
-    HalfPlane,
-    Pose,
-    parts_beyond,
-    within_distance,
-)
+from mlsroad_pipeline.algorithms.scenes import parts
+from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.kitti import read_labels
-from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 
 WITHHELD = "withheld"
@@ -59,8 +51,8 @@ def read_scene(
     *,
     coding: Coding,
     read: Mapping[str, Any],
-    plane: HalfPlane | None,
-    pose: Pose | None,
+    plane: parts.HalfPlane | None,
+    pose: parts.Pose | None,
     is_test: bool,
     gap: float,
 ) -> PointCloud:
@@ -73,10 +65,12 @@ def read_scene(
     world = cloud.world_xyz()
     if plane is not None:
         xy = world[:, :2] if pose is None else pose.placed(world[:, :2])
-        return cloud.with_columns(part=parts_beyond(plane.distance(xy), gap))
-    part = np.full(len(cloud), TEST if is_test else TRAIN, np.uint8)
+        return cloud.with_columns(part=parts.parts_beyond(plane.distance(xy), gap))
+    part = np.full(len(cloud), parts.TEST if is_test else parts.TRAIN, np.uint8)
     for block in test_blocks:
-        part[within_distance(world, read_points(Path(block), None, coding, read).world_xyz(), gap)] = NEITHER
+        part[parts.within_distance(world, read_points(Path(block), None, coding, read).world_xyz(), gap)] = (
+            parts.NEITHER
+        )
     return cloud.with_columns(part=part)
 
 

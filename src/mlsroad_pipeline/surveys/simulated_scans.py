@@ -12,8 +12,8 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.validation import check_at_least
+from mlsroad_pipeline.formats.base import WriteOptions
 from mlsroad_pipeline.formats.kitti import KittiFormat, write_labels
-from mlsroad_pipeline.formats.options import WriteOptions
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters
 from mlsroad_pipeline.simulation.runtime.survey import SurveyPieces
 

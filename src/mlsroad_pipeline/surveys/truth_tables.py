@@ -14,8 +14,8 @@ from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.inventory.objects.boxes import vehicle_box
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, KINDS, ObjectRule
+from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.files import named_errors
-from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.formats.registry import get_format
 
 LEAST_POINTS = {kind: ObjectRule.of_kind(kind, (0,)).min_points for kind in sorted(set(KIND_OF_CLASS.values()))}

@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 from scipy.stats import rankdata
 
-from mlsroad_pipeline.algorithms.geometry.sorting import order_of, radix_argsort, rank_few, rank_floats, rank_integers
+from mlsroad_pipeline.algorithms.geometry.sorting import (
+    lower_bound,
+    median_of,
+    order_of,
+    radix_argsort,
+    rank_few,
+    rank_floats,
+    rank_integers,
+    sort_floats,
+)
 
 
 @pytest.mark.parametrize("bits", [1, 10, 11, 12, 40, 62])
@@ -81,3 +90,22 @@ def test_levels_that_share_an_interval_are_not_ranked():
     assert rank_few(np.array([0.0, 1e-9, 1.0])) is None
     assert rank_few(np.array([-1e308, 1e308])) is None
     assert rank_few(np.full(3, 0.2)).tolist() == [2.0, 2.0, 2.0] and len(rank_few(np.zeros(0))) == 0
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 3, 7, 8, 500, 1001])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.int32])
+def test_the_first_values_are_sorted_and_others_stay(rng, n, dtype):
+    values = rng.normal(0, 20, n + 3).astype(dtype)
+    values[: n // 3] = values[n // 3 : 2 * (n // 3)]
+    expected = np.concatenate([np.sort(values[:n]), values[n:]])
+    sort_floats(values, n)
+    np.testing.assert_array_equal(values, expected)
+
+
+@pytest.mark.parametrize("n", [1, 2, 9, 40])
+def test_median_and_first_row_of_a_value_are_those_of_numpy(rng, n):
+    values = rng.integers(0, 12, n).astype(np.float64)
+    assert median_of(values.copy(), n) == np.median(values)
+    ascending = np.sort(values)
+    for wanted in np.arange(-1.0, 13.0, 0.5):
+        assert lower_bound(ascending, wanted) == np.searchsorted(ascending, wanted)

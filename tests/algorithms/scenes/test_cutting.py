@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud, concatenate
 from mlsroad_pipeline.algorithms.scenes import joining
 from mlsroad_pipeline.algorithms.scenes.binning import BinnedCloud, cut_range
 from mlsroad_pipeline.algorithms.scenes.corridor import MainAxis, main_axis
@@ -248,3 +248,12 @@ def test_points_at_any_distance_have_a_bin(path):
     cut = cut_range(PointCloud(xyz, {}, UTM, None, "a.txt"), path, bin_length=2.0, first_row=0)
     assert sorted(cut.cloud["row"].tolist()) == [0, 1, 2, 3]
     assert (np.diff(cut.bins.astype(np.int64)) > 0).all() and len(cut.bins) == 4
+
+
+def test_rows_of_clouds_are_joined_in_their_order(rng):
+    first = PointCloud(rng.random((5, 3)), {"a": np.arange(5, dtype=np.int16), "b": np.zeros(5)}, np.array([1.0, 2, 3]))
+    second = PointCloud(rng.random((4, 3)), {"a": np.arange(10, 14)}, np.array([2.0, 2, 3]))
+    rows = [np.array([4, 0, 2]), np.array([3, 3])]
+    joined = concatenate([first, second], rows)
+    same(joined, concatenate([first.select(rows[0]), second.select(rows[1])]))
+    assert joined["a"].tolist() == [4, 0, 2, 13, 13] and list(joined.columns) == ["a"]

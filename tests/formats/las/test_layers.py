@@ -9,13 +9,13 @@ import pytest
 from helpers.formats import make_labels, make_las
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.formats.base import ReadOptions
 from mlsroad_pipeline.formats.files import LAZ_CHUNK, spread_starts
 from mlsroad_pipeline.formats.las import records
 from mlsroad_pipeline.formats.las.format import LasFormat
 from mlsroad_pipeline.formats.las.header import LASZIP, read_header
 from mlsroad_pipeline.formats.las.layers import has_layers
 from mlsroad_pipeline.formats.las.records import RecordReader
-from mlsroad_pipeline.formats.options import ReadOptions
 from mlsroad_pipeline.label import writer as labelled_writer
 from mlsroad_pipeline.label.writer import write_labelled
 

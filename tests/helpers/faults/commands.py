@@ -64,8 +64,8 @@ def prepare_label(work: Path) -> None:
     from kedro.framework.project import pipelines
 
     from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+    from mlsroad_pipeline.formats.base import WriteOptions
     from mlsroad_pipeline.formats.las.format import LasFormat
-    from mlsroad_pipeline.formats.options import WriteOptions
     from mlsroad_pipeline.label.warm_up import run_stages
 
     project, rng = make_project(work / "project"), np.random.default_rng(1)

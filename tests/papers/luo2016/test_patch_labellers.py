@@ -14,12 +14,11 @@ from mlsroad_pipeline.papers.luo2016.patch_forest import classifier as patch_for
 from mlsroad_pipeline.papers.luo2016.patch_forest.classifier import PatchForest, PatchForestParameters
 from mlsroad_pipeline.papers.luo2016.patch_svm import classifier as patch_svm
 from mlsroad_pipeline.papers.luo2016.patch_svm.classifier import PatchSvm, PatchSvmParameters
-from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
+from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters, PatchStages
 from mlsroad_pipeline.papers.shared.patches.features import COLOURED, GEOMETRY, draw_training_patches, patch_features
 from mlsroad_pipeline.papers.shared.patches.labelling import build_patches, label_patch_scene, label_patches
 from mlsroad_pipeline.papers.shared.patches.table import Patches
 from mlsroad_pipeline.papers.shared.patches.training import PatchTraining, bundle_model, join_training_scenes
-from mlsroad_pipeline.papers.shared.patches.types import PatchStages
 
 SVM = PatchSvmParameters(costs=[1.0, 10.0], gammas=[0.1], cv_per_class=60, max_per_class=100)
 NO_EDGES = np.empty((0, 2), np.int32)

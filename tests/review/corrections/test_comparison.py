@@ -4,7 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import Answer, ContinuationParameters, Scored
+from mlsroad_pipeline.algorithms.models.boosted_trees import answer_boosting
+from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import Answer, ContinuationSettings, Scored
 from mlsroad_pipeline.model_store.object_classifiers import read_replay
 from mlsroad_pipeline.model_store.shipped_models import load_shipped
 from mlsroad_pipeline.review.corrections.comparison import (
@@ -72,11 +73,12 @@ def test_changes_of_sure_voxels_are_counted_by_class():
     }  # fmt: skip
 
 
-def test_right_and_wrong_answers_about_known_voxels():
+def test_right_and_wrong_answers_about_known_voxels(monkeypatch):
     """Voxels of the streets that the model was trained on: right answers do no harm, wrong ones are found out."""
     bundle = load_shipped("general")
     replay, names = read_replay(bundle), list(bundle.classes)
-    rng, few = np.random.default_rng(3), ContinuationParameters(rounds=5, bags=1)
+    rng = np.random.default_rng(3)
+    monkeypatch.setattr(answer_boosting, "SETTINGS", ContinuationSettings(rounds=5, bags=1))
     values = replay.values.astype(np.float32)
     known = replay.allowed.argmax(axis=1)
     before = _log_probabilities(bundle, values)
@@ -92,8 +94,8 @@ def test_right_and_wrong_answers_about_known_voxels():
 
     for wrong in (False, True):
         data = Learned(answers(wrong), [Scored(values[:2000], before[:2000])], [])
-        model, n = train_on(bundle, data, parent={"name": "general", "version": ""}, surveys=["s"], parameters=few)
-        found = compare_learning(bundle, model, data, parameters=few)
+        model, n = train_on(bundle, data, parent={"name": "general", "version": ""}, surveys=["s"])
+        found = compare_learning(bundle, model, data)
         assert n == len(found.answers) == 12
         if wrong:
             assert found.verdict()[0] != BETTER

@@ -1,5 +1,6 @@
 """Lines edited in a GeoPackage come back as decisions: moved, cut, joined, deleted, drawn, of another kind."""
 
+import functools
 import re
 import shutil
 
@@ -152,16 +153,31 @@ EDITS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", EDITS)
-def test_an_edit_is_the_decision_of_the_page_once(folder, name):
-    change, expected, result = EDITS[name]
-    edit(folder, "kerbs", change)
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("moved", "other kind"),
+        ("vertex inserted without a height", "deleted"),
+        ("joined", "drawn"),
+        ("cut",),
+        ("cut twice",),
+        ("copied",),
+        ("other kind and moved",),
+    ],
+    ids=" and ".join,
+)
+def test_an_edit_is_the_decision_of_the_page_once(folder, names):
+    """Edits of one file are of different lines."""
+    made = [EDITS[name] for name in names]
+    edit(folder, "kerbs", lambda frame: functools.reduce(lambda done, each: each[0](done), made, frame))
+    expected = sorted(action for _, decisions, _ in made for action in decisions)
     code, said = run(folder, "--who", "ann")
     assert code == 0 and f"{len(expected)} new corrections" in said, said
-    assert actions(folder) == expected
-    assert delivered(folder) == {n: line for n, line in {**LISTED, **result}.items() if line is not None}
-    assert ("no height, or 0" in said) == ("height" in name)
-    assert "0 new corrections" in run(folder)[1] and actions(folder) == expected
+    assert sorted(actions(folder)) == expected
+    lines = LISTED | {n: line for _, _, result in made for n, line in result.items()}
+    assert delivered(folder) == {n: line for n, line in lines.items() if line is not None}
+    assert ("no height, or 0" in said) == ("height" in names[0])
+    assert "0 new corrections" in run(folder)[1] and sorted(actions(folder)) == expected
 
 
 def test_an_unedited_copy_holds_nothing_also_after_decisions_of_the_page(folder):
@@ -227,7 +243,10 @@ def test_lines_far_from_the_inventory_are_named(folder, change, n):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda f: f.assign(kind="curb"), "layer 'kerbs' has a row of the kind 'curb': use kerb, wire, lane_line"),
+        (
+            lambda f: f.assign(kind="curb"),
+            "layer 'kerbs' has a row of the kind 'curb': use kerb, wire, barrier, lane_line",
+        ),
         (lambda f: f.assign(x=f["x"] + 5), "is not a copy of this inventory (line 1 of layer 'kerbs' is another one)"),
         (lambda f: f.drop(columns="line_id"), "layer 'kerbs' has no field 'line_id'"),
         (lambda f: f[:0], "lacks 4 of 6 lines, which would be rejected: is it whole? --many-deleted accepts it"),

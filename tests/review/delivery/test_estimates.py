@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from mlsroad_pipeline.review.delivery.estimates import UNKNOWN, strata_of, wilson
+from mlsroad_pipeline.review.delivery.protocol import UNKNOWN, strata_of, wilson
 
 
 @pytest.mark.parametrize(("right", "size"), [(0, 1), (8, 10), (30, 30), (17, 61)])

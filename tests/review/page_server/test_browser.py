@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from mlsroad_pipeline.commands.app import app
 from mlsroad_pipeline.review.corrections import open_corrections
-from mlsroad_pipeline.review.page_server.redirect_file import RedirectFile
+from mlsroad_pipeline.review.page_server.access import RedirectFile
 
 
 @pytest.fixture(scope="module")

@@ -17,9 +17,9 @@ from helpers.page_output import COMMAND, EVIL, FILES, Served, served, write_outp
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.review.corrections import ACTIONS, open_corrections
+from mlsroad_pipeline.review.page_server.access import RedirectFile
 from mlsroad_pipeline.review.page_server.connections import MOST_CONNECTIONS, REQUEST_TIME
 from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
-from mlsroad_pipeline.review.page_server.redirect_file import RedirectFile
 from mlsroad_pipeline.review.page_server.served_survey import ServedSurvey
 
 PRIVATE = (

@@ -50,3 +50,15 @@ class Coding:
         if len(known) == 0 or not np.isin(values, known).all():
             raise unknown_codes(values, known, f"coding {self.name!r}", source)
         return taxonomy[np.searchsorted(known, values)]
+
+
+CODE_NAMES = {
+    **{0: "never classified", 1: "unclassified", 2: "ground", 3: "low vegetation", 4: "medium vegetation"},
+    **{5: "high vegetation", 6: "building", 7: "low noise", 8: "model key point", 9: "water", 10: "rail"},
+    **{11: "road surface", 13: "wire guard", 14: "wire conductor", 15: "transmission tower", 16: "wire connector"},
+    **{17: "bridge deck", 18: "high noise"},
+}
+"""Code to name; codes from 64 are free for producers of data."""
+
+NOISE_CODES = (7, 18)
+"""Codes of noise."""

@@ -5,7 +5,8 @@ from typing import TypedDict
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.core.classes import IGNORE
+from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 
 
 class PointLabels(TypedDict):
@@ -27,3 +28,9 @@ class ImagePredictions(PointLabels):
 def unlabelled(n: int) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
     """Return new labels and confidences of points without a class."""
     return np.full(n, IGNORE, dtype=np.int16), np.zeros(n, dtype=np.float32)
+
+
+def core_labels(scene: PointCloud, scheme: ClassScheme) -> NDArray[np.int16]:
+    """Return the true classes of the points of a training scene; -1 outside its core."""
+    labels = scheme.encode(scene["label"], source=scene.source)
+    return np.where(scene["core"], labels, np.int16(IGNORE)) if "core" in scene else labels

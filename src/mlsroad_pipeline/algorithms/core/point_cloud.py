@@ -106,13 +106,15 @@ class PointCloud:
         return replace(self, xyz=self.xyz.astype(np.float64) + (self.origin - target), origin=target)
 
 
-def concatenate(clouds: Sequence[PointCloud]) -> PointCloud:
+def concatenate(clouds: Sequence[PointCloud], rows: Sequence[NDArray[np.integer]] | None = None) -> PointCloud:
     """Concatenate clouds of one CRS, relative to the origin of the first.
 
     Parameters
     ----------
     clouds : sequence of PointCloud
         At least one. Only columns of all clouds are kept.
+    rows : sequence of (k,) int arrays, optional
+        Rows of each cloud, in the order of the result; all by default. One copy in place of two.
 
     Returns
     -------
@@ -134,6 +136,21 @@ def concatenate(clouds: Sequence[PointCloud]) -> PointCloud:
     moved = [c if np.array_equal(c.origin, first.origin) else c.moved_to(first.origin) for c in clouds]
     return replace(
         first,
-        xyz=np.concatenate([c.xyz for c in moved]),
-        columns={name: np.concatenate([c[name] for c in clouds]) for name in shared},
+        xyz=_concatenated([c.xyz for c in moved], rows),
+        columns={name: _concatenated([c[name] for c in clouds], rows) for name in shared},
     )
+
+
+def _concatenated(arrays: Sequence[NDArray], rows: Sequence[NDArray[np.integer]] | None) -> NDArray:
+    if rows is None:
+        return np.concatenate(arrays)
+    joined = np.empty((sum(map(len, rows)), *arrays[0].shape[1:]), np.result_type(*arrays))
+    start = 0
+    for values, chosen in zip(arrays, rows, strict=True):
+        stop = start + len(chosen)
+        if values.dtype == joined.dtype:
+            np.take(values, chosen, axis=0, out=joined[start:stop], mode="clip")  # another mode copies twice
+        else:
+            joined[start:stop] = values[chosen]
+        start = stop
+    return joined

@@ -1,6 +1,6 @@
-"""Validation of the arguments of public functions."""
+"""Validation of the arguments of public functions, and groups of parameters that are given as mappings."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from numbers import Real
 
 import numpy as np
@@ -61,3 +61,11 @@ def check_tested(columns: NDArray[np.integer], n_features: int, owner: str) -> N
     """Check that trees test features that exist; kernels test no bounds."""
     if columns.max(initial=-1) >= n_features:
         raise DataError(f"{owner} tests feature {columns.max()} of {n_features}: the model is damaged")
+
+
+def parse_groups(parameters: object, **kinds: Callable[..., object]) -> None:
+    """Replace mappings among the fields of frozen parameters by instances of their classes."""
+    for name, kind in kinds.items():
+        given = getattr(parameters, name)
+        if isinstance(given, Mapping):
+            object.__setattr__(parameters, name, kind(**given))

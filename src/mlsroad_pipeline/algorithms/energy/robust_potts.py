@@ -17,9 +17,8 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.energy.alpha_expansion import expand_in_turn, initial_labels
+from mlsroad_pipeline.algorithms.energy.alpha_expansion import PairwiseEnergy, expand_in_turn, initial_labels
 from mlsroad_pipeline.algorithms.energy.binary_cut import CutGraph
-from mlsroad_pipeline.algorithms.energy.pairwise_energy import PairwiseEnergy
 
 
 @dataclass(frozen=True, eq=False)

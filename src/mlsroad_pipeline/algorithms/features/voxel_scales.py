@@ -13,21 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_column, check_positive, check_xyz
 from mlsroad_pipeline.algorithms.features import voxel_kernels as kernels
-from mlsroad_pipeline.algorithms.features.voxel_levels import (
-    Cells,
-    find_voxels,
-    halve,
-    sum_by_owner,
-    sum_windows,
-)
-from mlsroad_pipeline.algorithms.features.voxel_table import (
-    N_LEVELS,
-    VOXEL_COLUMNS,
-    Level,
-    voxel_feature_names,
-    write_level,
-    write_surroundings,
-)
+from mlsroad_pipeline.algorithms.features import voxel_table
 from mlsroad_pipeline.algorithms.geometry.cells import spread_owners
 from mlsroad_pipeline.algorithms.geometry.sorting import radix_argsort, rank_few
 from mlsroad_pipeline.algorithms.geometry.threads import check_threads, run_in_chunks
@@ -71,7 +57,7 @@ class VoxelFeatures:
     # One row a voxel of `rows`. NaN: no intensity, no run above or below, or fewer than three voxels in the window.
     values: NDArray[np.float32]
     owner: NDArray[np.int32]  # Voxel of each point
-    cells: Cells  # The voxels
+    cells: voxel_table.Cells  # The voxels
     rows: NDArray[np.int64] | None = None  # Voxels that are described; None is all
 
 
@@ -91,12 +77,12 @@ def compute_voxel_features(
     points = check_xyz(xyz)
     heights = check_column(height, len(points), "height")
     heights = heights.astype(np.float64 if heights.dtype != np.float32 else np.float32, copy=False)
-    names = voxel_feature_names()
+    names = voxel_table.voxel_feature_names()
     if len(points) == 0:
-        empty = Cells(np.zeros(0, np.int64), np.zeros((0, 3), np.int32), (1, 1, 1))
+        empty = voxel_table.Cells(np.zeros(0, np.int64), np.zeros((0, 3), np.int32), (1, 1, 1))
         return VoxelFeatures(np.zeros((0, len(names)), np.float32), np.zeros(0, np.int32), empty)
     ranks = np.zeros(0) if intensity is None else rank_within(check_column(intensity, len(points), "intensity"))
-    cells, order, starts, minimum = find_voxels(points, voxel_size)
+    cells, order, starts, minimum = voxel_table.find_voxels(points, voxel_size)
     moments, voxel_heights = np.empty((len(cells), kernels.N_MOMENTS)), np.empty(len(cells))
     owner = spread_owners(order, starts)
     rows = None if wanted is None else _wanted_voxels(cells, owner[wanted], around, n_threads)
@@ -104,19 +90,21 @@ def compute_voxel_features(
     sums = kernels.sum_voxels(points, minimum, heights, ranks, owner, len(cells))
     own = kernels.describe_voxels(sums, starts, len(ranks) > 0, moments, voxel_heights)[described]
     table = np.empty((len(own), len(names)), np.float32)
-    table[:, : len(VOXEL_COLUMNS)] = own
+    table[:, : len(voxel_table.VOXEL_COLUMNS)] = own
     extremes = np.stack([voxel_heights, voxel_heights, moments[:, 3]])
-    level = Level(cells, moments, extremes, np.arange(len(cells), dtype=np.int32), voxel_size, described)
-    own_moments, at = moments[described], len(VOXEL_COLUMNS)
-    for number in range(N_LEVELS):
+    level = voxel_table.Level(cells, moments, extremes, np.arange(len(cells), dtype=np.int32), voxel_size, described)
+    own_moments, at = moments[described], len(voxel_table.VOXEL_COLUMNS)
+    for number in range(voxel_table.N_LEVELS):
         level = level if number == 0 else level.coarser()
-        at = write_level(level, number, own_moments, voxel_heights, len(ranks) > 0, table, at, n_threads)
-        at = write_surroundings(level, number, voxel_heights, table, at, n_threads)
-    write_surroundings(level.coarser(), N_LEVELS, voxel_heights, table, at, n_threads)
+        at = voxel_table.write_level(level, number, own_moments, voxel_heights, len(ranks) > 0, table, at, n_threads)
+        at = voxel_table.write_surroundings(level, number, voxel_heights, table, at, n_threads)
+    voxel_table.write_surroundings(level.coarser(), voxel_table.N_LEVELS, voxel_heights, table, at, n_threads)
     return VoxelFeatures(table, owner, cells, rows)
 
 
-def _wanted_voxels(cells: Cells, wanted: NDArray[np.int32], around: int | None, n_threads: int) -> NDArray[np.int64]:
+def _wanted_voxels(
+    cells: voxel_table.Cells, wanted: NDArray[np.int32], around: int | None, n_threads: int
+) -> NDArray[np.int64]:
     """Return the voxels that are wanted or smooth those that are, ascending."""
     flags = np.zeros(len(cells), np.bool_)
     flags[wanted] = True
@@ -132,18 +120,20 @@ def smooth_by_cells(
     return _mean_around(features.cells, values, level, n_threads)
 
 
-def _mean_around(cells: Cells, values: NDArray[np.floating], level: int, n_threads: int) -> NDArray[np.float64]:
+def _mean_around(
+    cells: voxel_table.Cells, values: NDArray[np.floating], level: int, n_threads: int
+) -> NDArray[np.float64]:
     """Return `smooth_by_cells` of voxels."""
     owner = np.arange(len(cells), dtype=np.int32)
     for _ in range(level):
-        cells, parent = halve(cells)
+        cells, parent = voxel_table.halve(cells)
         owner = parent[owner]
     counted = np.column_stack([values, np.ones(len(values))])
-    sums = sum_by_owner(owner, counted, len(cells))
+    sums = voxel_table.sum_by_owner(owner, counted, len(cells))
     wide = np.empty_like(sums)
     run_in_chunks(partial(_windows, cells.keys, cells.rows(1), sums, wide), len(cells), n_threads=n_threads)
     return (wide[:, :-1] / wide[:, -1:])[owner]
 
 
 def _windows(keys: NDArray, rows: NDArray, values: NDArray, out: NDArray, first: int, last: int) -> None:
-    sum_windows(keys, rows, 1, values, first, last, out)
+    voxel_table.sum_windows(keys, rows, 1, values, first, last, out)

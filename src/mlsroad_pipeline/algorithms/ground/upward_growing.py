@@ -8,15 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
 from mlsroad_pipeline.algorithms.geometry.threads import run_ranges
-from mlsroad_pipeline.algorithms.ground.blocks import (
-    BlockGrid,
-    bounds_of,
-    build_blocks,
-    column_minima,
-    in_rows,
-    neighbour_slots,
-    sort_by_block,
-)
+from mlsroad_pipeline.algorithms.ground import blocks
 from mlsroad_pipeline.algorithms.ground.growing import LAYERS, label_points, occupy, reaching, rising_regions
 from mlsroad_pipeline.algorithms.ground.reference import SurfaceParameters, block_surface, lower_surface
 
@@ -131,22 +123,22 @@ def classify_ground(
     _check_tolerance(base_tolerance, "base_tolerance")
     parameters = SurfaceParameters(surface_slope, surface_step, surface_drop, surface_share, surface_patch)
     _check_surface(parameters)
-    points, bounds = bounds_of(xyz, n_threads)
+    points, bounds = blocks.bounds_of(xyz, n_threads)
     if len(points) == 0:
         return np.zeros(0, dtype=np.bool_)
     per_cell = max(1, round(cell_size / voxel_size))
     n_columns = per_cell * max(2, round(block_size / (per_cell * voxel_size)))
-    grid = build_blocks(points, bounds, width=voxel_size, n_columns=n_columns, n_threads=n_threads)
+    grid = blocks.build_blocks(points, bounds, width=voxel_size, n_columns=n_columns, n_threads=n_threads)
     order = None
     if grid.scattered:
-        points, order = sort_by_block(points, grid, n_threads)
+        points, order = blocks.sort_by_block(points, grid, n_threads)
     minima = _column_minima(points, grid, n_threads)
     if reference == "block":
         surface = block_surface(minima)
         around = np.full((len(grid.keys), 9), -1, dtype=np.int32)
     else:
         surface = lower_surface(grid, minima, per_cell=per_cell, parameters=parameters)
-        around = neighbour_slots(grid.keys, grid.table_keys, grid.table_slots, grid.stride)
+        around = blocks.neighbour_slots(grid.keys, grid.table_keys, grid.table_slots, grid.stride)
     del minima
     masks = _occupied_voxels(points, grid, surface, n_threads)
     objects = rising_regions(masks, around, _layers(local_height, voxel_size)) | reaching(
@@ -156,7 +148,7 @@ def classify_ground(
     volume = (surface, objects)
     labels = run_ranges(lambda *span: label_points(points, span, grid.lookup, volume, heights), len(points), n_threads)
     is_ground = labels[0] if n_threads == 1 else np.concatenate(labels)
-    return is_ground if order is None else in_rows(is_ground, order)
+    return is_ground if order is None else blocks.in_rows(is_ground, order)
 
 
 def _layers(height: float, voxel_size: float) -> int:
@@ -191,13 +183,13 @@ def _check_tolerance(value: float, name: str) -> None:
         raise ParameterError(f"{name} must be a finite number >= 0, got {value!r}")
 
 
-def _column_minima(points: NDArray[np.floating], grid: BlockGrid, n_threads: int) -> NDArray[np.float32]:
+def _column_minima(points: NDArray[np.floating], grid: blocks.BlockGrid, n_threads: int) -> NDArray[np.float32]:
     """Return the lowest z of each column, as the minimum over the arrays of the threads."""
     shape = (len(grid.keys), grid.n_columns, grid.n_columns)
 
     def work(*span: int) -> NDArray[np.float32]:
         minima = np.full(shape, np.inf, dtype=np.float32)
-        column_minima(points, span, grid.lookup, minima)
+        blocks.column_minima(points, span, grid.lookup, minima)
         return minima
 
     parts = run_ranges(work, len(points), n_threads)
@@ -207,7 +199,7 @@ def _column_minima(points: NDArray[np.floating], grid: BlockGrid, n_threads: int
 
 
 def _occupied_voxels(
-    points: NDArray[np.floating], grid: BlockGrid, surface: NDArray[np.float32], n_threads: int
+    points: NDArray[np.floating], grid: blocks.BlockGrid, surface: NDArray[np.float32], n_threads: int
 ) -> NDArray[np.uint64]:
     """Return the word of occupied voxels of each column, merged over the threads."""
 

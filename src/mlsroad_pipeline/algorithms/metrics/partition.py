@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.core.validation import check_column, check_xyz
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.core.validation import check_column
 
 IGNORED = -1
 
@@ -29,23 +28,18 @@ class PartitionQuality:
     accuracy_ceiling: float
 
 
-def evaluate_partition(
-    labels: ArrayLike, truth: ArrayLike, *, xyz: ArrayLike | None = None, pairs: ArrayLike | None = None, k: int = 10
-) -> PartitionQuality:
-    """Return the scores of a partition against reference labels."""
+def evaluate_partition(labels: ArrayLike, truth: ArrayLike, *, pairs: ArrayLike) -> PartitionQuality:
+    """Return the scores of a partition against reference labels; `pairs` are points near each other, (m, 2)."""
     segments, reference = _checked(labels, truth)
-    if k < 1:
-        raise ParameterError(f"k must be >= 1, got {k!r}")
     scored = np.flatnonzero(reference != IGNORED)
     segment, overlap, size, best = _overlaps(segments[scored], reference[scored])
     n = len(scored)
     if n == 0:
         return PartitionQuality(0, np.nan, np.nan, np.nan, np.nan)
     outside = size[segment] - overlap
-    near = _near_pairs(len(segments), scored, xyz, pairs, k)
     return PartitionQuality(
         n_segments=len(size),
-        boundary_recall=_recall(segments, reference, near),
+        boundary_recall=_recall(segments, reference, _checked_pairs(pairs, len(segments))),
         under_segmentation_error=float(np.minimum(overlap, outside).sum() / n),
         leakage=float(outside.sum() / n),
         accuracy_ceiling=float(best.sum() / n),
@@ -75,36 +69,17 @@ def _overlaps(segments: NDArray, reference: NDArray) -> tuple[NDArray, NDArray, 
     return of_segment, overlap, size, best
 
 
-def _near_pairs(
-    n: int, scored: NDArray, xyz: ArrayLike | None, pairs: ArrayLike | None, k: int
-) -> NDArray[np.int64] | None:
-    """Return pairs of near points from `xyz` or `pairs`, or None."""
-    if xyz is not None and pairs is not None:
-        raise DataError("give either xyz or pairs, not both")
-    if pairs is not None:
-        near = np.asarray(pairs)
-        if near.ndim != 2 or near.shape[1] != 2 or not np.issubdtype(near.dtype, np.integer):
-            raise DataError(f"pairs must be integers of shape (m, 2), got {near.dtype} {near.shape}")
-        if near.size and (near.min() < 0 or near.max() >= n):
-            raise DataError(f"pairs must lie in 0..{n - 1}, got {near.min()} to {near.max()}")
-        return near
-    if xyz is None:
-        return None
-    points = check_column(check_xyz(xyz), n, "xyz", width=3)[scored]
-    k = min(k, len(points) - 1)
-    if k < 1:
-        return np.empty((0, 2), np.int64)
-    others = cKDTree(points).query(points, k=k + 1)[1]
-    first = np.repeat(np.arange(len(points)), k + 1)
-    differ = first != others.ravel()  # a point is its own nearest neighbour, unless points coincide
-    near_pairs: NDArray[np.int64] = scored[np.stack([first[differ], others.ravel()[differ]], axis=1)]
-    return near_pairs
+def _checked_pairs(pairs: ArrayLike, n: int) -> NDArray[np.int64]:
+    near = np.asarray(pairs)
+    if near.ndim != 2 or near.shape[1] != 2 or not np.issubdtype(near.dtype, np.integer):
+        raise DataError(f"pairs must be integers of shape (m, 2), got {near.dtype} {near.shape}")
+    if near.size and (near.min() < 0 or near.max() >= n):
+        raise DataError(f"pairs must lie in 0..{n - 1}, got {near.min()} to {near.max()}")
+    return near
 
 
-def _recall(segments: NDArray, reference: NDArray, near: NDArray[np.int64] | None) -> float:
+def _recall(segments: NDArray, reference: NDArray, near: NDArray[np.int64]) -> float:
     """Return the share of near pairs across a reference border that lie in different segments."""
-    if near is None:
-        return float("nan")
     i, j = near[:, 0], near[:, 1]
     border = (reference[i] != reference[j]) & (reference[i] != IGNORED) & (reference[j] != IGNORED)
     return float((segments[i[border]] != segments[j[border]]).mean()) if border.any() else float("nan")

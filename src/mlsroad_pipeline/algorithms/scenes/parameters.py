@@ -6,8 +6,7 @@ from typing import Literal, Self
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
-from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
+from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive, parse_groups
 
 
 @dataclass(frozen=True)

@@ -14,15 +14,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.geometry.octree_sample import SPAN_BITS, OctreeSample, sample_octree
 from mlsroad_pipeline.formats.files import atomic_file, check_file
-from mlsroad_pipeline.formats.las.header import (
-    COMPRESSED,
-    LASZIP,
-    RECORD_SIZES,
-    LasHeader,
-    Vlr,
-    pack_header,
-    read_header,
-)
+from mlsroad_pipeline.formats.las import header as las
 from mlsroad_pipeline.formats.las.records import RecordReader, record_dtype
 from mlsroad_pipeline.formats.las.upgrade import upgrade_records, upgraded_header
 from mlsroad_pipeline.formats.las.writer import RecordWriter
@@ -36,7 +28,7 @@ CHUNK = 1_000_000
 GATHERED = 1 << 19  # points per compressed batch
 
 
-def is_copc(header: LasHeader) -> bool:
+def is_copc(header: las.LasHeader) -> bool:
     """Return whether a file is cloud-optimised: its first record is that of COPC."""
     return bool(header.vlrs) and header.vlrs[0].key == INFO
 
@@ -46,7 +38,7 @@ def copc_path(path: str) -> str:
     return str(Path(path).with_suffix(SUFFIX))
 
 
-def without_copc(header: LasHeader) -> LasHeader:
+def without_copc(header: las.LasHeader) -> las.LasHeader:
     """Return a header without the COPC records, whose byte offsets hold for one file only."""
     vlrs = tuple(vlr for vlr in header.vlrs if vlr.key[0] != INFO[0])
     return replace(header, vlrs=vlrs, evlrs=tuple(vlr for vlr in header.evlrs if vlr.key[0] != INFO[0]))
@@ -63,7 +55,7 @@ def write_copc(source: str | Path, target: str | Path, *, n_threads: int = 1) ->
         raise DataError(f"a cloud-optimised file is named {SUFFIX}, got {target}")
     if target.exists() and target.samefile(path):
         raise DataError(f"{target} is the file to copy and would be overwritten")
-    old = read_header(path)
+    old = las.read_header(path)
     header = upgraded_header(old)
     if header.point_format not in POINT_FORMATS:
         raise DataError(f"{path} has points of format {old.point_format} with waveforms, which COPC cannot hold")
@@ -85,7 +77,7 @@ def write_copc(source: str | Path, target: str | Path, *, n_threads: int = 1) ->
         _write(stream, counter, records, nodes, span, n_threads)
 
 
-def _unpacked(path: Path, old: LasHeader, header: LasHeader, scratch: BinaryIO, n_threads: int) -> NDArray:
+def _unpacked(path: Path, old: las.LasHeader, header: las.LasHeader, scratch: BinaryIO, n_threads: int) -> NDArray:
     with RecordReader(path, old, n_threads=n_threads) as reader:
         for start in range(0, old.n_points, CHUNK):
             scratch.write(upgrade_records(reader.read(start, start + CHUNK), old, header).tobytes())
@@ -104,13 +96,13 @@ def _write(
 ) -> None:
     header = counter.header
     laz = lazrs.LazVlr.new_for_compression(
-        header.point_format, header.record_size - RECORD_SIZES[header.point_format], True
+        header.point_format, header.record_size - las.RECORD_SIZES[header.point_format], True
     )
-    others = tuple(vlr for vlr in header.vlrs if vlr.key not in (INFO, LASZIP))
-    info = Vlr(*INFO, bytes(INFO_DATA.size), b"COPC info")
-    records_of = (info, *others, Vlr(*LASZIP, bytes(laz.record_data()), b"http://laszip.org"))
-    header = replace(header, vlrs=records_of).patched(layout=header.point_format | COMPRESSED)
-    stream.write(pack_header(header))
+    others = tuple(vlr for vlr in header.vlrs if vlr.key not in (INFO, las.LASZIP))
+    info = las.Vlr(*INFO, bytes(INFO_DATA.size), b"COPC info")
+    records_of = (info, *others, las.Vlr(*las.LASZIP, bytes(laz.record_data()), b"http://laszip.org"))
+    header = replace(header, vlrs=records_of).patched(layout=header.point_format | las.COMPRESSED)
+    stream.write(las.pack_header(header))
     points_at = stream.tell()
     kind = lazrs.ParLasZipCompressor if n_threads > 1 else lazrs.LasZipCompressor
     compressor = kind(stream, laz)
@@ -129,7 +121,7 @@ def _write(
     stream.seek(0, 2)
     end = stream.tell()
     hierarchy = _hierarchy(nodes, chunks, points_at + 8)
-    evlrs = (*(vlr for vlr in header.evlrs if vlr.key != HIERARCHY), Vlr(*HIERARCHY, hierarchy, b"EPT hierarchy"))
+    evlrs = (*(vlr for vlr in header.evlrs if vlr.key != HIERARCHY), las.Vlr(*HIERARCHY, hierarchy, b"EPT hierarchy"))
     at = end + sum(60 + len(vlr.data) for vlr in evlrs[:-1]) + 60
     half = nodes.size / 2
     data = INFO_DATA.pack(*(nodes.low + half), half, nodes.size / 2**SPAN_BITS, at, len(hierarchy), *times)
@@ -137,7 +129,7 @@ def _write(
     for vlr in evlrs:
         stream.write(vlr.pack(extended=True))
     stream.seek(0)
-    stream.write(pack_header(counter.finished_header(header, end)))
+    stream.write(las.pack_header(counter.finished_header(header, end)))
     stream.seek(0, 2)
 
 

@@ -10,19 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
-from mlsroad_pipeline.formats.base import FileInfo, PointFormat, ReadOptions, WriteOptions
+from mlsroad_pipeline.formats import files
+from mlsroad_pipeline.formats.base import BY_CRS, FileInfo, PointFormat, ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.column_names import resolve_columns
 from mlsroad_pipeline.formats.crs import auto_note, in_metres, with_units
-from mlsroad_pipeline.formats.files import (
-    FileKey,
-    atomic_file,
-    check_file,
-    clip_range,
-    file_key,
-    log_once,
-    refuse_packed,
-    with_packed,
-)
 from mlsroad_pipeline.formats.las.copc import SUFFIX, is_copc, without_copc, write_copc
 from mlsroad_pipeline.formats.las.crs import read_crs, two_systems_note, with_crs_of
 from mlsroad_pipeline.formats.las.dimensions import (
@@ -38,7 +29,6 @@ from mlsroad_pipeline.formats.las.header import LasHeader, read_header
 from mlsroad_pipeline.formats.las.layout import header_like, new_header, pack_records, with_room
 from mlsroad_pipeline.formats.las.records import RecordReader, layers_of
 from mlsroad_pipeline.formats.las.writer import RecordWriter
-from mlsroad_pipeline.formats.options import BY_CRS
 from mlsroad_pipeline.formats.standard_columns import COLOUR_DEPTH, COLOURS, COORDINATES, origin_near, standard_cloud
 from mlsroad_pipeline.formats.tables import parts_of
 
@@ -54,12 +44,12 @@ class LasFormat(PointFormat):
     """
 
     name = "LAS"
-    extensions: tuple[str, ...] = with_packed(".las", ".laz")
+    extensions: tuple[str, ...] = files.with_packed(".las", ".laz")
     signatures: tuple[bytes, ...] = (b"LASF",)
 
     def info(self, path: Path, options: ReadOptions) -> FileInfo:
         """Return the contents of a file's header."""
-        path = check_file(path)
+        path = files.check_file(path)
         header = read_header(path)
         crs = read_crs(header, path)
         notes = [*header.notes, auto_note(options, crs, path), two_systems_note(header)]
@@ -85,10 +75,10 @@ class LasFormat(PointFormat):
 
     def read(self, path: Path, options: ReadOptions, *, start: int = 0, stop: int | None = None) -> PointCloud:
         """Read a range of rows."""
-        path = check_file(path)
+        path = files.check_file(path)
         header = read_header(path)
         options = with_units(options, read_crs(header, path), path)
-        return self._cloud(path, header, options, *clip_range(start, stop, header.n_points))
+        return self._cloud(path, header, options, *files.clip_range(start, stop, header.n_points))
 
     def _cloud(
         self, path: Path, header: LasHeader, options: ReadOptions, start: int, stop: int, notes: list[str] | None = None
@@ -96,12 +86,12 @@ class LasFormat(PointFormat):
         names = resolve_columns(dimension_names(header), options, path)
         bits = options.rgb_bits
         if set(COLOURS) <= names.keys() and bits is None:
-            bits = colour_bits(file_key(path))
-            log_once(str(path), COLOUR_DEPTH.format(bits))
+            bits = colour_bits(files.file_key(path))
+            files.log_once(str(path), COLOUR_DEPTH.format(bits))
         raw_names = [name for given, name in names.items() if given not in COORDINATES]
         with RecordReader(path, header, n_threads=options.n_threads, select=layers_of(header, raw_names)) as reader:
             records = reader.read(start, stop)
-        first = records[:1] if start == 0 and stop > 0 else first_record(file_key(path))
+        first = records[:1] if start == 0 and stop > 0 else first_record(files.file_key(path))
         corner = near_corner(first, header, options.factors)
         origin = origin_near(corner)
         raw = {given: dimension(records, header, name) for given, name in names.items() if given not in COORDINATES}
@@ -128,7 +118,7 @@ class LasFormat(PointFormat):
         extra dimensions; without one, the header is LAS 1.4 and every column is kept.
         """
         path = Path(path)
-        refuse_packed(path, self.name)
+        files.refuse_packed(path, self.name)
         if path.name.lower().endswith(SUFFIX):
             path.parent.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(dir=path.parent) as folder:
@@ -147,7 +137,7 @@ class LasFormat(PointFormat):
         # intensities of 8 bits were divided by the range of 16; divided by 255, 1 is 0.004
         if depths is not None and "intensity" in cloud and np.nanmax(cloud["intensity"], initial=0.0) * 65535 <= 255.5:
             depths = replace(depths, intensity=65535)
-        with atomic_file(path) as stream:
+        with files.atomic_file(path) as stream:
             compress = path.suffix.lower() == ".laz"
             writer = RecordWriter(stream, header, compress=compress, n_threads=options.n_threads)
             for part in parts_of(cloud):
@@ -159,7 +149,7 @@ def _template(cloud: PointCloud, options: WriteOptions) -> Path | None:
     if options.like == "none":
         return None
     if options.like != "source":
-        return check_file(options.like)
+        return files.check_file(options.like)
     source = Path(cloud.source)
     return source if source.name.lower().endswith(LasFormat.extensions) and source.is_file() else None
 
@@ -175,12 +165,12 @@ def _template_units(like: Path, header: LasHeader, cloud: PointCloud, options: W
 def _extremes(path: Path, header: LasHeader, names: list[str], options: ReadOptions) -> tuple[float, float]:
     """Return minimum and maximum of dimensions; a sample of unsigned intensities shows whether they use 8 bits only."""
     if names == ["intensity"] and options.intensity_scale == "auto":
-        return 0.0, float(sampled_maximum(file_key(path), ("intensity",)))
-    return file_extremes(file_key(path), tuple(names))
+        return 0.0, float(sampled_maximum(files.file_key(path), ("intensity",)))
+    return file_extremes(files.file_key(path), tuple(names))
 
 
 @lru_cache(maxsize=64)
-def first_record(key: FileKey) -> NDArray:
+def first_record(key: files.FileKey) -> NDArray:
     """Return the first record of a file, or none."""
     path = Path(key[0])
     with RecordReader(path, read_header(path)) as reader:
@@ -188,7 +178,7 @@ def first_record(key: FileKey) -> NDArray:
 
 
 @lru_cache(maxsize=64)
-def file_extremes(key: FileKey, names: Sequence[str]) -> tuple[float, float]:
+def file_extremes(key: files.FileKey, names: Sequence[str]) -> tuple[float, float]:
     """Return minimum and maximum of dimensions over a whole file."""
     path = Path(key[0])
     header = read_header(path)

@@ -10,19 +10,10 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import WriteOptions
 from mlsroad_pipeline.formats.crs import is_geographic
+from mlsroad_pipeline.formats.las import header as las
 from mlsroad_pipeline.formats.las.crs import with_wkt
 from mlsroad_pipeline.formats.las.dimensions import Depths, bit_field, dimension_names, extra_dimension
 from mlsroad_pipeline.formats.las.extra import DESCRIPTOR, DESCRIPTOR_TYPES, ExtraDimension, pack_descriptors
-from mlsroad_pipeline.formats.las.header import (
-    EXTRA_BYTES,
-    HEADER_SIZES,
-    RECORD_SIZES,
-    SIGNATURE,
-    WKT_BIT,
-    LasHeader,
-    Vlr,
-    read_header,
-)
 from mlsroad_pipeline.formats.las.records import record_dtype, unique_names
 
 DERIVED = ("rgb", "rgb16")  # columns that are written as red, green and blue
@@ -36,8 +27,8 @@ DEGREE_STEP = 1e-7
 
 
 def with_extra(
-    header: LasHeader, added: list[ExtraDimension], *, existing: list[ExtraDimension], source: str = "the cloud"
-) -> LasHeader:
+    header: las.LasHeader, added: list[ExtraDimension], *, existing: list[ExtraDimension], source: str = "the cloud"
+) -> las.LasHeader:
     """Add extra dimensions to a header; `DataError`, which names the source, if LAS cannot hold so many.
 
     ``existing`` are the dimensions of the header in their order, possibly renamed. The record that describes them stays
@@ -53,18 +44,18 @@ def with_extra(
             f"{source}: {len(dimensions)} extra dimensions in points of {size} bytes, of which LAS holds "
             f"{MOST_DIMENSIONS} in {LARGEST_RECORD}: leave columns out, the last is {dimensions[-1].name!r}"
         )
-    record = Vlr(*EXTRA_BYTES, pack_descriptors(dimensions), b"Extra Bytes Record")
-    old = [vlr for vlr in (*header.vlrs, *header.evlrs) if vlr.key == EXTRA_BYTES]
+    record = las.Vlr(*las.EXTRA_BYTES, pack_descriptors(dimensions), b"Extra Bytes Record")
+    old = [vlr for vlr in (*header.vlrs, *header.evlrs) if vlr.key == las.EXTRA_BYTES]
     if old:
         record = replace(record, description=old[0].description, reserved=old[0].reserved)
-    at = next((i for i, vlr in enumerate(header.vlrs) if vlr.key == EXTRA_BYTES), len(header.vlrs))
-    others = [vlr for vlr in header.vlrs if vlr.key != EXTRA_BYTES]
+    at = next((i for i, vlr in enumerate(header.vlrs) if vlr.key == las.EXTRA_BYTES), len(header.vlrs))
+    others = [vlr for vlr in header.vlrs if vlr.key != las.EXTRA_BYTES]
     vlrs = (*others[:at], record, *others[at:])
-    evlrs = tuple(vlr for vlr in header.evlrs if vlr.key != EXTRA_BYTES)
+    evlrs = tuple(vlr for vlr in header.evlrs if vlr.key != las.EXTRA_BYTES)
     return replace(header, vlrs=vlrs, evlrs=evlrs).patched(record_size=size)
 
 
-def _extra_for(cloud: PointCloud, header: LasHeader) -> list[ExtraDimension]:
+def _extra_for(cloud: PointCloud, header: las.LasHeader) -> list[ExtraDimension]:
     """Return dimensions for the columns of a cloud that a header lacks."""
     added, known = [], {*dimension_names(header)[3:], *"XYZ", *DERIVED}  # the first three are x, y and z
     for name, values in cloud.columns.items():
@@ -82,15 +73,15 @@ def _extra_for(cloud: PointCloud, header: LasHeader) -> list[ExtraDimension]:
     return added
 
 
-def header_like(path: Path, cloud: PointCloud) -> LasHeader:
+def header_like(path: Path, cloud: PointCloud) -> las.LasHeader:
     """Return a file's header, with extra dimensions for columns of the cloud that the file lacks."""
-    header = read_header(path)
+    header = las.read_header(path)
     added = _extra_for(cloud, header)
     existing = list(header.extra_dimensions)
     return with_extra(header, added, existing=existing, source=cloud.source) if added else header
 
 
-def new_header(cloud: PointCloud, options: WriteOptions) -> LasHeader:
+def new_header(cloud: PointCloud, options: WriteOptions) -> las.LasHeader:
     """Return a LAS 1.4 header for a cloud, without a date, so that the same points give the same bytes.
 
     It has point format 7 where there are colours, else 6, and WKT where there is a CRS. Longitudes and latitudes are
@@ -99,10 +90,10 @@ def new_header(cloud: PointCloud, options: WriteOptions) -> LasHeader:
     point_format = 7 if any(name in cloud for name in DERIVED) else 6
     step = options.scale / options.metres
     flat = DEGREE_STEP if is_geographic(cloud.crs) else step
-    new = LasHeader(bytes(HEADER_SIZES[4])).patched(
-        **{"signature": SIGNATURE, "major": 1, "minor": 4, "system": b"OTHER", "software": SOFTWARE},
-        **{"day": 1, "year": 1970, "encoding": WKT_BIT, "layout": point_format},
-        record_size=RECORD_SIZES[point_format],
+    new = las.LasHeader(bytes(las.HEADER_SIZES[4])).patched(
+        **{"signature": las.SIGNATURE, "major": 1, "minor": 4, "system": b"OTHER", "software": SOFTWARE},
+        **{"day": 1, "year": 1970, "encoding": las.WKT_BIT, "layout": point_format},
+        record_size=las.RECORD_SIZES[point_format],
         scale=(flat, flat, step),
         offset=cloud.origin / options.metres,
     )
@@ -110,7 +101,7 @@ def new_header(cloud: PointCloud, options: WriteOptions) -> LasHeader:
     return with_extra(header, _extra_for(cloud, header), existing=[], source=cloud.source)
 
 
-def with_room(header: LasHeader, cloud: PointCloud, metres: NDArray[np.float64]) -> LasHeader:
+def with_room(header: las.LasHeader, cloud: PointCloud, metres: NDArray[np.float64]) -> las.LasHeader:
     """Set a scale and an offset in another file's header that can represent the points.
 
     The header is the same where they fit; else it has the offset of the cloud, and degrees in steps of `DEGREE_STEP`.
@@ -127,7 +118,7 @@ def with_room(header: LasHeader, cloud: PointCloud, metres: NDArray[np.float64])
 
 
 def pack_records(
-    cloud: PointCloud, header: LasHeader, *, metres: NDArray[np.float64] | None = None, depths: Depths | None = None
+    cloud: PointCloud, header: las.LasHeader, *, metres: NDArray[np.float64] | None = None, depths: Depths | None = None
 ) -> NDArray:
     """Convert points to contiguous records; `DataError` if a coordinate or a value does not fit its field.
 
@@ -160,7 +151,7 @@ def _las_columns(cloud: PointCloud, depths: Depths) -> list[tuple[str, NDArray]]
     return columns
 
 
-def _store(records: NDArray, header: LasHeader, name: str, values: NDArray, source: str) -> None:
+def _store(records: NDArray, header: las.LasHeader, name: str, values: NDArray, source: str) -> None:
     bits = bit_field(header, name)
     if bits is not None:
         largest = bits.mask >> bits.shift

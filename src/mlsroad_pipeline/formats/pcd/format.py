@@ -11,21 +11,12 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
+from mlsroad_pipeline.formats import tables
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
 from mlsroad_pipeline.formats.crs import write_sidecar
 from mlsroad_pipeline.formats.files import FileKey, file_key, open_content, output_file, with_packed
 from mlsroad_pipeline.formats.pcd.header import PcdHeader, read_pcd_header
 from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES, NEAR
-from mlsroad_pipeline.formats.tables import (
-    PointTable,
-    TableFormat,
-    check_record_size,
-    left_over,
-    parts_of,
-    scalar_columns,
-    truncated,
-    with_points_only,
-)
 from mlsroad_pipeline.formats.text.values import WHITESPACE, RowForm, index_rows, parse_rows, typed_column
 
 PACKED_COLOURS = ("rgb", "rgba")  # fields of four bytes that hold blue, green, red and, in the last, alpha
@@ -36,7 +27,7 @@ LARGEST_RATIO = 132  # maximum compression ratio of LZF: three bytes expand to a
 Rows = Callable[[set[str], int, int], Mapping[str, NDArray] | NDArray]
 
 
-class PcdFormat(TableFormat):
+class PcdFormat(tables.TableFormat):
     """Reader and writer of PCD.
 
     Fields keep their names and types; SIZE, COUNT and padding (``_``) are respected, several values are numbered
@@ -55,7 +46,7 @@ class PcdFormat(TableFormat):
             return True
         return path.name.lower().endswith(self.extensions) and head.lstrip().startswith((b"VERSION", b"FIELDS", b"#"))
 
-    def open_table(self, path: Path, options: ReadOptions) -> PointTable:
+    def open_table(self, path: Path, options: ReadOptions) -> tables.PointTable:
         """Open a file."""
         return _open(file_key(path), options.n_threads > 1)
 
@@ -76,8 +67,8 @@ class PcdFormat(TableFormat):
         ]
         with output_file(Path(path)) as stream:
             stream.write(("\n".join(head) + "\n").encode())
-            for part in parts_of(cloud):
-                columns = scalar_columns(part, options.metres)
+            for part in tables.parts_of(cloud):
+                columns = tables.scalar_columns(part, options.metres)
                 if "rgb" in names:
                     red, green, blue = (columns.pop(name).astype("<u4") for name in COLOURS)
                     columns["rgb"] = red << 16 | green << 8 | blue
@@ -92,7 +83,7 @@ def _record_type(cloud: PointCloud, options: WriteOptions, path: Path) -> np.dty
     far = (np.abs(cloud.origin) >= NEAR).any() or (len(cloud) and np.abs(cloud.xyz).max() >= NEAR)
     xyz = "<f8" if far or options.metres != 1.0 else "<f4"
     fields = []
-    for name, values in scalar_columns(cloud.select(np.arange(0)), options.metres).items():
+    for name, values in tables.scalar_columns(cloud.select(np.arange(0)), options.metres).items():
         kind = "u1" if values.dtype == np.bool_ else values.dtype.str[1:]
         if any(c.isspace() for c in name) or kind[0] not in KINDS_WRITTEN:
             raise DataError(f"{path}: column {name!r} ({values.dtype}) cannot be stored in PCD")
@@ -104,7 +95,7 @@ def _record_type(cloud: PointCloud, options: WriteOptions, path: Path) -> np.dty
 
 
 @lru_cache(maxsize=2)
-def _open(key: FileKey, threads: bool) -> PointTable:
+def _open(key: FileKey, threads: bool) -> tables.PointTable:
     path = Path(key[0])
     header = read_pcd_header(path)
     sources: dict[str, tuple[str, Callable[[NDArray], NDArray]]] = {}  # column to its field and its part of it
@@ -133,8 +124,8 @@ def _open(key: FileKey, threads: bool) -> PointTable:
 
     details = {"encoding": header.encoding, **{k.lower(): v for k, v in header.entries.items() if k != "DATA"}}
     notes = (*_viewpoint_note(header), *_left_over(path, header))
-    table = PointTable(tuple(sources), header.n_points, rows, None, details, notes)
-    return with_points_only(table, path)
+    table = tables.PointTable(tuple(sources), header.n_points, rows, None, details, notes)
+    return tables.with_points_only(table, path)
 
 
 def _left_over(path: Path, header: PcdHeader) -> tuple[str, ...]:
@@ -142,13 +133,13 @@ def _left_over(path: Path, header: PcdHeader) -> tuple[str, ...]:
     file, stated = open_content(path), header.n_points
     if header.encoding == "ascii":
         end = index_rows(path, file, header.begin, 1, limit=stated).end if stated else header.begin
-        return left_over(stated, index_rows(path, file, end, 1).n_rows, "rows")
+        return tables.left_over(stated, index_rows(path, file, end, 1).n_rows, "rows")
     size = stated * header.dtype.itemsize
     if header.encoding == "binary":
-        check_record_size(path, header.begin, stated, header.dtype.itemsize, "field")
+        tables.check_record_size(path, header.begin, stated, header.dtype.itemsize, "field")
     else:
         size = 8 + struct.unpack("<I", file.read(4, header.begin))[0]
-    return left_over(stated, file.size - header.begin - size, "bytes")
+    return tables.left_over(stated, file.size - header.begin - size, "bytes")
 
 
 def _viewpoint_note(header: PcdHeader) -> tuple[str, ...]:
@@ -219,7 +210,7 @@ def _text_rows(path: Path, header: PcdHeader, threads: bool) -> Rows:
     width = sum(field.count for field in header.fields)
     rows = index_rows(path, open_content(path), header.begin, header.n_lines + 1, limit=header.n_points)
     if rows.n_rows < header.n_points:
-        raise truncated(path, header.n_points, rows.n_rows)
+        raise tables.truncated(path, header.n_points, rows.n_rows)
     form = RowForm(width, WHITESPACE)
 
     first = dict(zip(header.fields, np.cumsum([0, *(field.count for field in header.fields)]).tolist(), strict=False))

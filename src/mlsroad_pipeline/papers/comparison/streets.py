@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.metrics.scores import ALL, COLUMNS, check_scores
-from mlsroad_pipeline.papers.shared.studies.figures import draw_panels, name_axes
-from mlsroad_pipeline.papers.shared.studies.study import holm, p_value, paired_interval
+from mlsroad_pipeline.papers.shared.studies.study import draw_panels, holm, name_axes, p_value, paired_interval
 from mlsroad_pipeline.reporting.figures import SERIES
 from mlsroad_pipeline.reporting.html.report import Section, facts_section, figures_section, table_section
 

@@ -21,9 +21,9 @@ from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.run_folder import RunFolder
 from mlsroad_pipeline.execution.task import SceneTask
+from mlsroad_pipeline.label import inventory as label_inventory
 from mlsroad_pipeline.label.alignment import moves_of_passes, offsets_of_pieces
-from mlsroad_pipeline.label.checks import check_headers, check_outputs
-from mlsroad_pipeline.label.devices import check_device
+from mlsroad_pipeline.label.checks import check_device, check_headers, check_outputs
 from mlsroad_pipeline.label.given_classes import (
     GIVEN_SCHEME,
     check_any_kept,
@@ -32,15 +32,6 @@ from mlsroad_pipeline.label.given_classes import (
     given_counts,
 )
 from mlsroad_pipeline.label.images import LabelImages, images_of_survey, images_to_label
-from mlsroad_pipeline.label.inventory import (
-    OBJECTS,
-    Inventory,
-    as_of_files,
-    export_inventory,
-    inventory_of,
-    marking_warnings,
-    objects_task,
-)
 from mlsroad_pipeline.label.model_choice import ModelRequest, choose_model, image_request
 from mlsroad_pipeline.label.photos import write_photos
 from mlsroad_pipeline.label.report import ReportPictures, label_report_sections, report_pictures
@@ -134,7 +125,7 @@ def warn_of_survey(
         missing_of=partial(missing_attributes, model.load()),
     )
     bundle = model.load()
-    warnings += marking_warnings(plan, files, bundle, parameters)
+    warnings += label_inventory.marking_warnings(plan, files, bundle, parameters)
     warnings += unusual_warnings(unusual_properties(bundle, facts))
     warnings += [f"{name}: {text}" for name, text in offset_warnings(offsets, aligned=parameters.align_passes)]
     for warning in warnings:
@@ -189,7 +180,7 @@ def join_label_objects(
     if bundle.slug == GIVEN_LABELS and parameters.given_classes.labels is None:
         check_any_kept(given_counts(results.load_all("counts").values()), parameters.survey_name)
     rules = object_rules(bundle, parameters.inventory)
-    return {OBJECTS: objects_task(plan, corridors, results, rules, model, parameters)}
+    return {label_inventory.OBJECTS: label_inventory.objects_task(plan, corridors, results, rules, model, parameters)}
 
 
 def write_labelled_files(
@@ -224,13 +215,15 @@ def make_inventory(
     joined: SceneCollection,
     parameters: LabelParameters,
     run: RunFolder,
-) -> tuple[Inventory, Inventory, Inventory]:
+) -> tuple[label_inventory.Inventory, label_inventory.Inventory, label_inventory.Inventory]:
     """Return the inventory, for the later nodes and once per output format."""
-    inventory = inventory_of(plan, files, corridors, joined, parameters, run.output)
-    return as_of_files(inventory), inventory, inventory
+    inventory = label_inventory.inventory_of(plan, files, corridors, joined, parameters, run.output)
+    return label_inventory.as_of_files(inventory), inventory, inventory
 
 
-def draw_pictures(results: SceneCollection, inventory: Inventory, model: ModelFile) -> Future[ReportPictures]:
+def draw_pictures(
+    results: SceneCollection, inventory: label_inventory.Inventory, model: ModelFile
+) -> Future[ReportPictures]:
     """Begin to draw the pictures of the report, in a thread, while the workers write the files."""
     palette = class_palette(bundle_scheme(model.load()))
     pool = ThreadPoolExecutor(1, "draw-pictures")
@@ -240,10 +233,10 @@ def draw_pictures(results: SceneCollection, inventory: Inventory, model: ModelFi
 
 
 def export_label_inventory(
-    plan: SurveyPlan, inventory: Inventory, parameters: LabelParameters, run: RunFolder
+    plan: SurveyPlan, inventory: label_inventory.Inventory, parameters: LabelParameters, run: RunFolder
 ) -> list[str]:
     """Write the inventory in the formats of `label.export` and the photos of its objects, and return the paths."""
-    written = export_inventory(inventory, parameters.export, run)
+    written = label_inventory.export_inventory(inventory, parameters.export, run)
     if parameters.photos:
         written.append(write_photos(inventory.objects, images_of_survey(plan, parameters.images), run))
     return written
@@ -253,7 +246,7 @@ def write_report(
     quality: pd.DataFrame,
     results: SceneCollection,
     written: SceneCollection,
-    inventory: Inventory,
+    inventory: label_inventory.Inventory,
     pictures: Future[ReportPictures],
     exports: list[str],
     model: ModelFile,

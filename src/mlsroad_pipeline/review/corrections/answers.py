@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.algorithms.core.codings import CODE_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, UnknownClassError
-from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
 from mlsroad_pipeline.formats.las.header import read_header
 from mlsroad_pipeline.review.corrections.decisions import Decision
 from mlsroad_pipeline.review.corrections.states import States

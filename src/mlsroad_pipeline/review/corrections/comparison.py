@@ -8,7 +8,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import LabelledCandidates, continue_classifier
-from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import Answer, ContinuationParameters, Scored
+from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import Answer, Scored
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.model_store.object_classifiers import classifier_of, read_candidate_replay
 from mlsroad_pipeline.review.corrections.learners import Learner, learner_of
@@ -78,14 +78,12 @@ def _said(table: pd.DataFrame, what: str) -> str:
     return f"{before:.0%} of the {what} were right before, {after:.0%} after"
 
 
-def compare_learning(
-    bundle: ModelBundle, model: ModelBundle, data: Learned, *, parameters: ContinuationParameters | None = None
-) -> Comparison:
+def compare_learning(bundle: ModelBundle, model: ModelBundle, data: Learned) -> Comparison:
     """Return the comparison of a model with the one that has learned from all of `data`."""
     learner = learner_of(bundle)
     names = np.array(bundle.classes)
     survey = joined(data.survey) if data.survey else None
-    answers = _held_out_answers(learner, data.answers, survey, names, parameters)
+    answers = _held_out_answers(learner, data.answers, survey, names)
     objects = _held_out_objects(bundle, joined_answers(data.objects))
     if survey is None or not data.answers or not len(survey.values):
         return Comparison(answers, objects, pd.DataFrame(columns=["class", "voxels", "changed", "to"]), 0.0)
@@ -104,11 +102,7 @@ def turns(groups: Sequence[str]) -> NDArray[np.int64]:
 
 
 def _held_out_answers(
-    learner: Learner,
-    answers: Sequence[Answer],
-    survey: Scored | None,
-    names: NDArray[np.str_],
-    parameters: ContinuationParameters | None,
+    learner: Learner, answers: Sequence[Answer], survey: Scored | None, names: NDArray[np.str_]
 ) -> pd.DataFrame:
     """Return the right share of the voxels of each answer, before and after the learning from the other folds."""
     used = [answer for answer in answers if len(answer.values) and answer.scores is not None]
@@ -117,10 +111,8 @@ def _held_out_answers(
         return pd.DataFrame({"class": [], "before": [], "after": []}, dtype=np.float64)
     fold, rows = turns(groups), []
     for k in range(FOLDS):
-        model = learner.learned(
-            [answer for answer, own in zip(used, fold, strict=True) if own != k],
-            survey, parameters=parameters, learned_from={},
-        )  # fmt: skip
+        others = [answer for answer, own in zip(used, fold, strict=True) if own != k]
+        model = learner.learned(others, survey, learned_from={})
         for row in np.flatnonzero(fold == k).tolist():
             answer = used[row]
             scores = np.asarray(answer.scores)

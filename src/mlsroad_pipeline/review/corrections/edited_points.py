@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mlsroad_pipeline.algorithms.core.codings import CODE_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.core.las_codes import CODE_NAMES
 from mlsroad_pipeline.formats.las.header import class_names, read_header
 from mlsroad_pipeline.formats.las.records import RecordReader
 from mlsroad_pipeline.review.corrections.answers import LOOKUP_LENGTH, classes_of_codes

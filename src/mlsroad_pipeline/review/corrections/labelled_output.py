@@ -11,7 +11,7 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.execution.run_folder import FileState, RunFolder, state_of
 from mlsroad_pipeline.execution.run_identity import FINISHED, STATE, finished_record
-from mlsroad_pipeline.formats.options import NEW_SURVEY, ReadOptions
+from mlsroad_pipeline.formats.base import NEW_SURVEY, ReadOptions
 from mlsroad_pipeline.formats.ply.coloured_ply import COLOURED
 from mlsroad_pipeline.inventory_files.exports import EXPORTS
 

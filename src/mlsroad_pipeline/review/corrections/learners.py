@@ -4,18 +4,13 @@ import hashlib
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import (
-    Answer,
-    ContinuationParameters,
-    Replay,
-    Scored,
-)
+from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import Answer, Replay, Scored
 from mlsroad_pipeline.algorithms.models.boosted_trees.corrected import (
     FLOOR,
     added_trees,
@@ -39,39 +34,6 @@ from mlsroad_pipeline.review.corrections.object_answers import Tile
 
 GENERAL = "general"
 """Shipped trees whose thresholds, and whose training voxels, other labellers learn with."""
-
-
-class Learner(Protocol):
-    """A model that learns: ground filter and edge of the voxels of its tiles, and the training."""
-
-    ground: GroundParameters
-    voxel_size: float
-
-    def scores(self, tile: Tile) -> NDArray[np.float64]:
-        """Return the logarithms of the model's probabilities in the voxels of a tile, apart from a constant."""
-
-    def change(self, model: ModelBundle, values: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return what a model that has learned adds to the scores of voxels."""
-
-    def decided(self, scores: NDArray[np.float64]) -> tuple[NDArray[np.int16], NDArray[np.float32]]:
-        """Return the class of voxels, and its probability."""
-
-    def learned(
-        self,
-        answers: Sequence[Answer],
-        survey: Scored,
-        *,
-        parameters: ContinuationParameters | None,
-        learned_from: Mapping[str, Any],
-    ) -> ModelBundle:
-        """Return the model with what the answers teach."""
-
-
-def learner_of(bundle: ModelBundle) -> Learner:
-    """Return a model as one that learns; trees continue where their training voxels are at hand."""
-    general = load_shipped(GENERAL)
-    has_replay = list(bundle.metadata["classes"]) == list(general.metadata["classes"])
-    return TreeLearner(bundle) if bundle.slug in (SLUG, POOL) and has_replay else CorrectedLearner(bundle, general)
 
 
 def _mean_scores(bundle: ModelBundle, tile: Tile) -> NDArray[np.float64]:
@@ -112,18 +74,9 @@ class TreeLearner:
         """Return the class of voxels, and its probability."""
         return decide(softmax(scores), self._trees.arrays.get("groups"))
 
-    def learned(
-        self,
-        answers: Sequence[Answer],
-        survey: Scored,
-        *,
-        parameters: ContinuationParameters | None,
-        learned_from: Mapping[str, Any],
-    ) -> ModelBundle:
+    def learned(self, answers: Sequence[Answer], survey: Scored, *, learned_from: Mapping[str, Any]) -> ModelBundle:
         """Return the trees with further ones; in a pool, the pool with them."""
-        trees = continue_training(
-            self._trees, answers, survey.values, self._replay, parameters=parameters, learned_from=learned_from
-        )
+        trees = continue_training(self._trees, answers, survey.values, self._replay, learned_from=learned_from)
         return with_trees(self._bundle, trees) if self._bundle.slug == POOL else trees
 
 
@@ -150,24 +103,11 @@ class CorrectedLearner:
         """Return the class of voxels, and its probability."""
         return decide(softmax(scores), labeller_of(self._bundle).arrays.get("groups"))
 
-    def learned(
-        self,
-        answers: Sequence[Answer],
-        survey: Scored,
-        *,
-        parameters: ContinuationParameters | None,
-        learned_from: Mapping[str, Any],
-    ) -> ModelBundle:
+    def learned(self, answers: Sequence[Answer], survey: Scored, *, learned_from: Mapping[str, Any]) -> ModelBundle:
         """Return the labeller with trees that correct it."""
+        replay, size = self._replayed(), self.voxel_size
         return learn_corrections(
-            self._bundle,
-            answers,
-            survey,
-            self._replayed(),
-            trees=self._trees,
-            voxel_size=self.voxel_size,
-            parameters=parameters,
-            learned_from=learned_from,
+            self._bundle, answers, survey, replay, trees=self._trees, voxel_size=size, learned_from=learned_from
         )
 
     def _replayed(self) -> tuple[Replay, Scored]:
@@ -183,6 +123,17 @@ class CorrectedLearner:
         values = replay.values.astype(np.float32)
         arrays = self._general.arrays
         return replay, Scored(values, self._trees.scores(values) / arrays["temperature"] + arrays["offsets"])
+
+
+Learner = TreeLearner | CorrectedLearner
+"""A model that learns: ground filter and edge of the voxels of its tiles, their scores, and the training."""
+
+
+def learner_of(bundle: ModelBundle) -> Learner:
+    """Return a model as one that learns; trees continue where their training voxels are at hand."""
+    general = load_shipped(GENERAL)
+    has_replay = list(bundle.metadata["classes"]) == list(general.metadata["classes"])
+    return TreeLearner(bundle) if bundle.slug in (SLUG, POOL) and has_replay else CorrectedLearner(bundle, general)
 
 
 MODELS = "models"

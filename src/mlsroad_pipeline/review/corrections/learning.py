@@ -12,7 +12,7 @@ from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import candidate_rules
 from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import continue_classifier
 from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule
-from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import Answer, ContinuationParameters, Scored
+from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import Answer, Scored
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.methods import needs_images
 from mlsroad_pipeline.formats.las.header import read_header
@@ -208,16 +208,13 @@ def train_on(
     *,
     parent: Mapping[str, Any],
     surveys: Sequence[str],
-    parameters: ContinuationParameters | None = None,
 ) -> tuple[ModelBundle, int]:
     """Return the model that has learned from what was read, and the number of answers."""
     from_outputs = {"parent": dict(parent), "surveys": list(surveys)}
     entry: dict[str, Any] = {"answers": 0, **from_outputs}
     model = bundle
     if data.answers:  # added objects alone have no points to learn labels from
-        model = learner_of(bundle).learned(
-            data.answers, joined(data.survey), parameters=parameters, learned_from=from_outputs
-        )
+        model = learner_of(bundle).learned(data.answers, joined(data.survey), learned_from=from_outputs)
         entry = dict(model.metadata["learned"][-1])
     model = with_classifier(
         model, continue_classifier(classifier_of(bundle), joined_answers(data.objects), read_candidate_replay())

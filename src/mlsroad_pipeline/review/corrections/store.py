@@ -19,26 +19,15 @@ from types import TracebackType
 from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
+from mlsroad_pipeline.review.corrections import store_file
 from mlsroad_pipeline.review.corrections.decisions import Anchor, Correction, Decision, check_values, named_objects
 from mlsroad_pipeline.review.corrections.listed_objects import INVENTORIES, ListedObjects, read_objects
 from mlsroad_pipeline.review.corrections.states import ObjectState, fold_states
-from mlsroad_pipeline.review.corrections.store_file import (
-    ADDED,
-    FIELDS,
-    checksum,
-    connected,
-    connected_to_copy,
-    empty_in_memory,
-    identity,
-    readable,
-    rescued,
-    sign,
-)
 
 NAME = "corrections.sqlite"
 """Name of the store in an output folder."""
 
-_READ = f"SELECT id, {FIELDS}, checksum FROM decisions"
+_READ = f"SELECT id, {store_file.FIELDS}, checksum FROM decisions"
 
 
 class CorrectionStore:
@@ -47,7 +36,7 @@ class CorrectionStore:
     def __init__(self, folder: Path, connection: sqlite3.Connection, *, writable: bool = True) -> None:
         self.folder, self._writable = folder, writable
         self._connection = connection
-        self._identity, self._kept = identity(self.path), ""
+        self._identity, self._kept = store_file.identity(self.path), ""
         self._guard = threading.RLock()
         self._objects: tuple[tuple[Any, ...], ListedObjects] | None = None
         self._decoded: dict[int, Decision] = {}  # a decision never changes, apart from being taken back
@@ -68,9 +57,9 @@ class CorrectionStore:
         made = datetime.now(UTC).isoformat(timespec="milliseconds")  # one time: the page takes them back together
         rows = [(made, *self._row(correction, who)) for correction in corrections]
         with self._transaction() as base:
-            numbers = [int(base.execute(ADDED, row).lastrowid or 0) for row in rows]
+            numbers = [int(base.execute(store_file.ADDED, row).lastrowid or 0) for row in rows]
             for number in numbers:
-                sign(base, number)
+                store_file.sign(base, number)
         return numbers
 
     def _row(self, correction: Correction, who: str) -> tuple[Any, ...]:
@@ -96,7 +85,7 @@ class CorrectionStore:
                 change = "UPDATE decisions SET undone = ?, undone_by = ? WHERE id = ? AND undone = ''"
                 if base.execute(change, (made, who, identifier)).rowcount != 1:
                     raise ParameterError(f"{self.path}: no decision {identifier!r} is in force")
-                sign(base, identifier)
+                store_file.sign(base, identifier)
 
     def current(self) -> list[Decision]:
         """Return the decisions in force, in the order in which they were made."""
@@ -168,16 +157,16 @@ class CorrectionStore:
 
     @contextmanager
     def _errors(self) -> Iterator[None]:
-        with self._guard, readable(self.path):
+        with self._guard, store_file.readable(self.path):
             self._check_place()
             yield
 
     def _check_place(self) -> None:
         """Raise ReadError if the file was replaced or deleted; its decisions are written to a new file."""
-        if self._identity is None or identity(self.path) == self._identity:
+        if self._identity is None or store_file.identity(self.path) == self._identity:
             return
         if not self._kept:
-            self._kept = rescued(self._connection, self.path).name
+            self._kept = store_file.rescued(self._connection, self.path).name
         raise ReadError(
             f"{self.path} was replaced or deleted while it was open: its decisions up to then are in {self._kept}; "
             "choose one of the files, and open the survey again"
@@ -194,14 +183,14 @@ def open_corrections(folder: str | Path, *, write: bool = True, create: bool = T
     if not place.is_dir():
         raise ReadError(f"{place}: no such folder: label the survey first (mlsroad label FILE)")
     path = place / NAME
-    with readable(path):
+    with store_file.readable(path):
         if not create and not os.path.lexists(path):
-            return CorrectionStore(place, empty_in_memory(), writable=False)
+            return CorrectionStore(place, store_file.empty_in_memory(), writable=False)
         if os.access(place, os.W_OK) and (not path.exists() or os.access(path, os.W_OK)):
-            return CorrectionStore(place, connected(path))
+            return CorrectionStore(place, store_file.connected(path))
         if write:
             raise _not_writable(path)
-        found = connected_to_copy(path) if os.path.lexists(path) else empty_in_memory()
+        found = store_file.connected_to_copy(path) if os.path.lexists(path) else store_file.empty_in_memory()
         return CorrectionStore(place, found, writable=False)
 
 
@@ -222,7 +211,7 @@ def has_corrections(folder: str | Path) -> bool:
 
 def _decision(row: tuple[Any, ...], path: Path) -> Decision:
     identifier, *values, written = row
-    if checksum(values) != written:
+    if store_file.checksum(values) != written:
         raise ReadError(f"{path} is damaged: decision {identifier} has another checksum: restore it from a backup")
     made, who, action, object_id, kind, payload, anchors, undone, _ = values
     places: Mapping[str, Mapping[str, Any]] = json.loads(anchors)

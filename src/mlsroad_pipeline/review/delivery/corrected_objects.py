@@ -11,11 +11,10 @@ import shapely
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_KINDS, line_table
 from mlsroad_pipeline.algorithms.inventory.objects.boxes import oriented_box
-from mlsroad_pipeline.algorithms.inventory.objects.keys import new_keys
 from mlsroad_pipeline.algorithms.inventory.objects.measures import EXTENT, MEASURES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.sections import equal_sections, line_lengths, section_table
-from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS_OF_KINDS, OBJECT_FIELDS
+from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS_OF_KINDS, OBJECT_FIELDS, new_keys
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, footprint_text, line_vertices, note_columns
 from mlsroad_pipeline.review.corrections.inventory_columns import note_cells, with_states

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
+from mlsroad_pipeline.formats.base import BY_CRS, ReadOptions
 from mlsroad_pipeline.formats.crs import with_units
 from mlsroad_pipeline.formats.files import file_key
 from mlsroad_pipeline.formats.las.crs import read_crs
 from mlsroad_pipeline.formats.las.dimensions import colour_bits, local_xyz, near_corner
 from mlsroad_pipeline.formats.las.header import LasHeader, class_names, read_header
 from mlsroad_pipeline.formats.las.records import RecordReader
-from mlsroad_pipeline.formats.options import BY_CRS, ReadOptions
 
 REFERENCE = "original_classification"
 """Dimension with the class of the input, which is compared with the class of the result."""

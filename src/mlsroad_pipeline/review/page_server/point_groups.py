@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mlsroad_pipeline.algorithms.core.codings import NOISE_CODES
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.core.las_codes import NOISE_CODES
 from mlsroad_pipeline.algorithms.inventory.objects.doubts import CELL as CLUSTER_CELL
 from mlsroad_pipeline.algorithms.inventory.objects.doubts import LEAST_POINTS, Cells, doubtful_clusters, worth_of_look
 from mlsroad_pipeline.algorithms.models.boosted_trees.segments import (

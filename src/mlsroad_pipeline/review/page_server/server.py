@@ -20,10 +20,9 @@ from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, R
 from starlette.routing import Route
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
-from mlsroad_pipeline.review.page_server.access import Guard
+from mlsroad_pipeline.review.page_server.access import Guard, RedirectFile
 from mlsroad_pipeline.review.page_server.connections import OPTIONS
 from mlsroad_pipeline.review.page_server.output_folder import REPORT, resolved
-from mlsroad_pipeline.review.page_server.redirect_file import RedirectFile
 from mlsroad_pipeline.review.page_server.served_survey import ServedSurvey, one_line
 from mlsroad_pipeline.review.page_server.tile_cache import CACHE, page_lock
 from mlsroad_pipeline.review.page_server.tile_format import INDEX, LEVELS, level_file

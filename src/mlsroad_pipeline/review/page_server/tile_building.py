@@ -11,19 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
+from mlsroad_pipeline.review.page_server import tile_format
 from mlsroad_pipeline.review.page_server.cloud_files import Block, CloudFiles
-from mlsroad_pipeline.review.page_server.tile_format import (
-    COARSEST,
-    LEVELS,
-    POINT,
-    UNDIVIDED,
-    TileIndex,
-    depth,
-    has_colours,
-    level_file,
-    pack,
-    point_bytes,
-)
 
 LARGEST = 20_000
 """Points of a node that is not divided further."""
@@ -63,20 +52,20 @@ def nodes_of_cube(steps: NDArray[np.uint16]) -> Iterator[Node]:
     codes = morton(steps)
     rest = np.argsort(codes, kind="stable")
     codes = codes[rest]
-    for level in range(LEVELS):
+    for level in range(tile_format.LEVELS):
         if not len(rest):
             return
-        of_node = codes >> np.uint64(3 * (BITS - depth(level)))
+        of_node = codes >> np.uint64(3 * (BITS - tile_format.depth(level)))
         starts = _starts(of_node)
         taken = _first_of_cells(codes, level)
-        if level >= UNDIVIDED - 1:
+        if level >= tile_format.UNDIVIDED - 1:
             counts = np.diff(starts, append=len(codes))
-            taken |= np.repeat((counts <= LARGEST) | (level == LEVELS - 1), counts)
+            taken |= np.repeat((counts <= LARGEST) | (level == tile_format.LEVELS - 1), counts)
         picked = np.flatnonzero(taken)
         begins = _starts(of_node[picked])
         for begin, end in zip(begins, [*begins[1:], len(picked)], strict=True):
             code = int(of_node[picked[begin]])
-            yield Node(level, _cell(code, depth(level)), rest[picked[begin:end]])
+            yield Node(level, _cell(code, tile_format.depth(level)), rest[picked[begin:end]])
         rest, codes = rest[~taken], codes[~taken]
 
 
@@ -85,7 +74,7 @@ def _starts(values: NDArray[np.uint64]) -> NDArray[np.int64]:
 
 
 def _first_of_cells(codes: NDArray[np.uint64], level: int) -> NDArray[np.bool_]:
-    cells = codes >> np.uint64(3 * (BITS - COARSEST - level))
+    cells = codes >> np.uint64(3 * (BITS - tile_format.COARSEST - level))
     taken = np.ones(len(codes), dtype=np.bool_)
     taken[1:] = cells[1:] != cells[:-1]
     return taken
@@ -133,13 +122,13 @@ def build_tiles(clouds: CloudFiles, folder: Path, *, progress: Callable[[float],
         edge = cube_edge(np.concatenate(sample), clouds.n_points)
         scratch = working / "scratch.bin"
         parts, counts = _sort_into_cubes(clouds, scratch, edge, lambda share: progress(_READING * share))
-        coloured = has_colours(clouds)
+        coloured = tile_format.has_colours(clouds)
         nodes = _write_levels(
             scratch, parts, working, coloured, lambda share: progress(_READING + (1 - _READING) * share)
         )
         scratch.unlink()
         facts = {"n_points": clouds.n_points, "classes": {str(code): n for code, n in counts.items()}}
-        TileIndex(working, edge, coloured, nodes).write(facts)
+        tile_format.TileIndex(working, edge, coloured, nodes).write(facts)
         _sync(working)
         shutil.rmtree(folder, ignore_errors=True)  # damaged ones
         os.replace(working, folder)
@@ -155,7 +144,7 @@ def _sync(folder: Path) -> None:
 
 
 def _check_room(n_points: int, folder: Path) -> None:
-    needed = n_points * (POINT.itemsize + point_bytes(True)) + _SPARE
+    needed = n_points * (tile_format.POINT.itemsize + tile_format.point_bytes(True)) + _SPARE
     free = shutil.disk_usage(folder).free
     if free < needed:
         raise NoSpaceError(
@@ -201,7 +190,7 @@ def sorted_by_cube(block: Block, edge: float) -> tuple[NDArray[np.int64], NDArra
     cubes = np.floor(block.xyz / edge).astype(np.int64)
     steps = np.minimum((block.xyz - cubes * edge) * (65536 / edge), 65535).astype(np.uint16)
     order = np.lexsort(cubes.T)
-    points = np.empty(len(order), dtype=POINT)
+    points = np.empty(len(order), dtype=tile_format.POINT)
     points["xyz"] = steps[order]
     for name in block.values.dtype.names or ():
         points[name] = block.values[name][order]
@@ -217,15 +206,19 @@ def _write_levels(
 ) -> NDArray[np.int64]:
     """Write the chunks of all cubes to the files of their levels and return the nodes."""
     nodes: list[tuple[int, ...]] = []
-    written = [0] * LEVELS
+    written = [0] * tile_format.LEVELS
     with ExitStack() as stack:
         source: Any = stack.enter_context(scratch.open("rb"))
-        targets: list[BinaryIO] = [stack.enter_context((folder / level_file(i)).open("wb")) for i in range(LEVELS)]
+        targets: list[BinaryIO] = [
+            stack.enter_context((folder / tile_format.level_file(i)).open("wb")) for i in range(tile_format.LEVELS)
+        ]
         for number, (cube, runs) in enumerate(parts.items()):
             points = _read_runs(source, runs)
             for node in nodes_of_cube(points["xyz"]):
-                targets[node.level].write(pack(points[node.rows], coloured=coloured))
-                cell = [(place << depth(node.level)) + part for place, part in zip(cube, node.cell, strict=True)]
+                targets[node.level].write(tile_format.pack(points[node.rows], coloured=coloured))
+                cell = [
+                    (place << tile_format.depth(node.level)) + part for place, part in zip(cube, node.cell, strict=True)
+                ]
                 nodes.append((node.level, *cell, written[node.level], len(node.rows)))
                 written[node.level] += len(node.rows)
             progress((number + 1) / len(parts))
@@ -233,10 +226,10 @@ def _write_levels(
 
 
 def _read_runs(source: Any, runs: list[tuple[int, int]]) -> NDArray:
-    points = np.empty(sum(count for _, count in runs), dtype=POINT)
+    points = np.empty(sum(count for _, count in runs), dtype=tile_format.POINT)
     at = 0
     for first, count in runs:
-        source.seek(first * POINT.itemsize)
-        points[at : at + count] = np.fromfile(source, POINT, count)
+        source.seek(first * tile_format.POINT.itemsize)
+        points[at : at + count] = np.fromfile(source, tile_format.POINT, count)
         at += count
     return points

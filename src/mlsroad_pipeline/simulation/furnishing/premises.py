@@ -9,7 +9,7 @@ import numpy as np
 from mlsroad_pipeline.simulation.furnishing import buildings, catalogue
 from mlsroad_pipeline.simulation.furnishing.corners import SideStreet
 from mlsroad_pipeline.simulation.furnishing.placement import Site
-from mlsroad_pipeline.simulation.plants.hedges import hedge, thicket
+from mlsroad_pipeline.simulation.plants.crowns import hedge, thicket
 from mlsroad_pipeline.simulation.street.ground import STATION
 from mlsroad_pipeline.simulation.street.street import Lot, generator
 

@@ -9,21 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from mlsroad_pipeline.simulation.bodies import (
-    ANKLE,
-    FOREARM,
-    HIP,
-    SHANK,
-    SHOULDER,
-    SPINE,
-    THIGH,
-    UPPER_ARM,
-    Build,
-    Skeleton,
-    bent_joint,
-    clothe,
-    draw_build,
-)
+from mlsroad_pipeline.simulation import bodies
 from mlsroad_pipeline.simulation.model.materials import cloth, material
 from mlsroad_pipeline.simulation.model.meshes import Design, Mesh, join
 from mlsroad_pipeline.simulation.model.solids import Floats, box, tubes, unit
@@ -32,33 +18,33 @@ _SIDES = np.array([-1.0, 1.0])  # right, left
 Angles = tuple[Floats, Floats, Floats, Floats]
 
 
-def _pose(rng: np.random.Generator, build: Build, angles: Angles, *, lean: float) -> Skeleton:
+def _pose(rng: np.random.Generator, build: bodies.Build, angles: Angles, *, lean: float) -> bodies.Skeleton:
     """Return the joints of a body from its hip, knee, shoulder and elbow angles, its lower foot on the ground."""
     thigh, knee, arm, elbow = angles
     h = build.height
     y = np.stack([0 * _SIDES, _SIDES, 0 * _SIDES], 1)
-    hips = HIP * h * y
+    hips = bodies.HIP * h * y
 
     def down(angle: Floats, outwards: float) -> Floats:
         return unit(np.stack([np.sin(angle), outwards * _SIDES, -np.cos(angle)], 1))
 
-    knees = hips + THIGH * h * down(thigh, 0.02)
-    ankles = knees + SHANK * h * down(thigh - knee, 0.02)
+    knees = hips + bodies.THIGH * h * down(thigh, 0.02)
+    ankles = knees + bodies.SHANK * h * down(thigh - knee, 0.02)
     up = np.array([np.sin(lean), 0.0, np.cos(lean)])
-    chest = SPINE * h * up
-    shoulders = chest + SHOULDER * h * build.girth**0.3 * y
-    elbows = shoulders + UPPER_ARM * h * down(arm + lean, 0.18)
+    chest = bodies.SPINE * h * up
+    shoulders = chest + bodies.SHOULDER * h * build.girth**0.3 * y
+    elbows = shoulders + bodies.UPPER_ARM * h * down(arm + lean, 0.18)
     inwards = np.where(elbow > 0.8, -0.45, 0.05)
     fore = np.stack([np.sin(arm + elbow), inwards * _SIDES, -np.cos(arm + elbow)], 1)
-    wrists = elbows + FOREARM * h * unit(fore)
+    wrists = elbows + bodies.FOREARM * h * unit(fore)
     flat = np.stack([np.cos(0.12 * _SIDES), np.sin(0.12 * _SIDES), 0 * _SIDES], 1)
     tilt = np.clip(thigh - knee, -1.0, 0.0) * (ankles[:, 2] > ankles[:, 2].min() + 0.03)
     feet = unit(flat + np.stack([0 * tilt, 0 * tilt, tilt], 1))
     nod = np.array([rng.uniform(0.0, 0.035), rng.normal(0, 0.01), 0.0]) * h
-    crown = h - (SHANK + THIGH + ANKLE) * h
-    head = up * max(crown - build.head, SPINE * h + 0.9 * build.head) + nod
-    bones = Skeleton(hips, knees, ankles, shoulders, elbows, wrists, feet, head)
-    return bones.moved([0.0, 0.0, ANKLE * h - ankles[:, 2].min()])
+    crown = h - (bodies.SHANK + bodies.THIGH + bodies.ANKLE) * h
+    head = up * max(crown - build.head, bodies.SPINE * h + 0.9 * build.head) + nod
+    bones = bodies.Skeleton(hips, knees, ankles, shoulders, elbows, wrists, feet, head)
+    return bones.moved([0.0, 0.0, bodies.ANKLE * h - ankles[:, 2].min()])
 
 
 def _standing(rng: np.random.Generator) -> tuple[Angles, float]:
@@ -98,7 +84,7 @@ def _person(
     sport: bool = False,
 ) -> Mesh:  # fmt: skip
     """Return a person in a pose with a `bag`, or any or none."""
-    build = draw_build(rng, child=child)
+    build = bodies.draw_build(rng, child=child)
     if sport:
         build = build._replace(clothes=("trousers", "shorts")[int(rng.integers(2))])
     angles, lean = pose(rng)
@@ -107,11 +93,11 @@ def _person(
     if bag == "hand":
         angles[2][0], angles[3][0] = rng.normal(0, 0.06), rng.uniform(0.0, 0.15)
     bones = _pose(rng, build, angles, lean=lean)
-    mesh = join([clothe(rng, bones, build, "person"), *_luggage(rng, bones, build, bag)])
+    mesh = join([bodies.clothe(rng, bones, build, "person"), *_luggage(rng, bones, build, bag)])
     return mesh.moved([0.0, 0.0, -float(mesh.vertices[:, 2].min())])
 
 
-def _luggage(rng: np.random.Generator, bones: Skeleton, build: Build, bag: str) -> list[Mesh]:
+def _luggage(rng: np.random.Generator, bones: bodies.Skeleton, build: bodies.Build, bag: str) -> list[Mesh]:
     """Return the luggage of a person."""
     h = build.height / 1.7
     textile = cloth("person", rng)
@@ -136,7 +122,7 @@ def _luggage(rng: np.random.Generator, bones: Skeleton, build: Build, bag: str) 
 
 def _with_suitcase(rng: np.random.Generator) -> Mesh:
     """Return a person who pulls a suitcase on wheels."""
-    build = draw_build(rng)
+    build = bodies.draw_build(rng)
     angles, lean = _walking(rng)
     angles[2][0], angles[3][0] = -0.45, 0.12
     bones = _pose(rng, build, angles, lean=lean)
@@ -148,30 +134,34 @@ def _with_suitcase(rng: np.random.Generator) -> Mesh:
     handle = tubes(np.stack([hand, top])[None], 0.014, material("aluminium", "person", rng), sides=4)
     wheels = [box([0.05, 0.03, 0.05], [case.vertices[case.vertices[:, 2].argmin(), 0], hand[1] + k, 0.026],
                   material("rubber", "person", rng)) for k in (-0.13, 0.13)]  # fmt: skip
-    return join([clothe(rng, bones, build, "person"), case, handle, *wheels])
+    return join([bodies.clothe(rng, bones, build, "person"), case, handle, *wheels])
 
 
 def _sitting(rng: np.random.Generator) -> Mesh:
     """Return a person on a stool, with hands on the knees or in the lap."""
-    build = draw_build(rng)
+    build = bodies.draw_build(rng)
     # Skirts and coats are not modelled over bent knees.
     build = build._replace(clothes={"trousers": "trousers", "coat": "trousers"}.get(build.clothes, "shorts"))
     h = build.height
     seat = 0.27 * h - rng.uniform(0.0, 0.05)
     y = np.stack([0 * _SIDES, _SIDES, 0 * _SIDES], 1)
-    hips = HIP * h * y + [-0.18, 0, seat + 0.09 * build.girth]
+    hips = bodies.HIP * h * y + [-0.18, 0, seat + 0.09 * build.girth]
     apart = rng.uniform(0.08, 0.2)
-    ankles = np.stack([0.24 * h - 0.18 + rng.normal(0, 0.06, 2), apart * _SIDES, np.full(2, ANKLE * h)], 1)
-    knees = bent_joint(hips, ankles, THIGH * h, SHANK * h, [0.6, 0.0, 1.0])
+    ankles = np.stack([0.24 * h - 0.18 + rng.normal(0, 0.06, 2), apart * _SIDES, np.full(2, bodies.ANKLE * h)], 1)
+    knees = bodies.bent_joint(hips, ankles, bodies.THIGH * h, bodies.SHANK * h, [0.6, 0.0, 1.0])
     lean = rng.uniform(-0.1, 0.35)
     up = np.array([np.sin(lean), 0.0, np.cos(lean)])
     middle = hips.mean(axis=0)
-    shoulders = middle + SPINE * h * up + SHOULDER * h * y
+    shoulders = middle + bodies.SPINE * h * up + bodies.SHOULDER * h * y
     wrists = 0.3 * hips + 0.7 * knees + [0.0, 0.0, 0.09] + rng.normal(0, 0.02, (2, 3))
-    elbows = bent_joint(shoulders, wrists, UPPER_ARM * h, FOREARM * h, [-1.0, 0.0, -0.2]) + 0.04 * y
-    head = middle + (SPINE * h + 1.75 * build.head) * up + [0.03, 0, 0]
+    elbows = (
+        bodies.bent_joint(shoulders, wrists, bodies.UPPER_ARM * h, bodies.FOREARM * h, [-1.0, 0.0, -0.2]) + 0.04 * y
+    )
+    head = middle + (bodies.SPINE * h + 1.75 * build.head) * up + [0.03, 0, 0]
     feet = np.tile([1.0, 0.0, 0.0], (2, 1))
-    body = clothe(rng, Skeleton(hips, knees, ankles, shoulders, elbows, wrists, feet, head), build, "person")
+    body = bodies.clothe(
+        rng, bodies.Skeleton(hips, knees, ankles, shoulders, elbows, wrists, feet, head), build, "person"
+    )
     textile = cloth("person", rng)
     corner = 0.14 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) + [-0.2, 0, 0]
     legs = tubes(np.stack([1.1 * corner, corner + np.array([0, 0, seat - 0.02])], 1), 0.012, textile, sides=4)

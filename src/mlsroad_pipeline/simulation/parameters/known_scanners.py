@@ -34,8 +34,8 @@ _LMS291 = Device(
     27e3, 37.5, (0.0, 0.7, 0.1), field=(0.0, 180.0), divergence=0.012, range_noise=0.01, accuracy=0.035,
     range_step=0.01, min_range=0.5, max_range=80.0, max_returns=1, pulse_length=0.9, sensitivity=-14.5, blooming=0.02,
 )  # fmt: skip
-# One LMS 291 to the left, as fitted to scan lines of Oakland (docs/simulator_streets.md): half a degree,
-# 1.85 m above the road, from 12 degrees off the nadir upwards, free asphalt measured up to some 19 m.
+# One LMS 291 to the left, as fitted to the scan lines of the Oakland recordings (docs/simulator_streets.md): half a
+# degree, 1.85 m above the road, from 12 degrees off the nadir upwards, free asphalt measured up to some 19 m.
 _OAKLAND = replace(_LMS291, lever=(0.0, 0.9, 0.05), field=(12.0, 180.0), range_noise=0.004, accuracy=0.02)
 
 # Rotating heads with several beams, as cars and mobile mappers carry them. Rates, beams, ranges and precision are those

@@ -8,9 +8,14 @@ import shapely
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS, numbered
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs import step_kernels
-from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import STEP_COLUMNS, join_kerbs, kerb_steps
+from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import (
+    STEP_COLUMNS,
+    StepLimits,
+    find_steps,
+    join_kerbs,
+    kerb_steps,
+)
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.step_kernels import MOST_CELLS, ground_cells
-from mlsroad_pipeline.algorithms.inventory.lines.kerbs.steps import StepLimits, find_steps
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 ORIGIN = np.array([391_000.0, 5_820_000.0, 34.0])

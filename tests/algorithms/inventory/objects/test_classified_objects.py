@@ -18,6 +18,7 @@ from mlsroad_pipeline.algorithms.inventory.objects.class_groups import (
 )
 from mlsroad_pipeline.algorithms.inventory.objects.evidence import CELL, SUMS, ZONES, SceneCells
 from mlsroad_pipeline.algorithms.inventory.objects.extraction import extract_objects
+from mlsroad_pipeline.algorithms.inventory.objects.measured_rows import FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.merging import merge_scenes
 from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import (
     NEITHER,
@@ -27,7 +28,6 @@ from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import (
     TRUNK,
     ObjectClassifier,
 )
-from mlsroad_pipeline.algorithms.inventory.objects.object_features import FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.plates import PLATE, PLATE_FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS, rules_for_scheme
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import STEM_FEATURES

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError
+from mlsroad_pipeline.algorithms.inventory.objects import object_classifier
 from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import (
-    ClassifierContinuation,
     LabelledCandidates,
     ObjectClassifier,
     continue_classifier,
@@ -40,12 +40,13 @@ def test_scores_follow_the_answers(replay, true):
         assert classifier.trees[kind] is shipped_classifier().trees[kind]
 
 
-def test_learning_again_brings_no_new_thresholds(replay):
+def test_learning_again_brings_no_new_thresholds(replay, monkeypatch):
+    monkeypatch.setattr(object_classifier, "ADDED_TREES", 10)
     values = uncertain(replay, "pole")
     answers = {"pole": LabelledCandidates(values, np.arange(len(values)) % 2 == 0)}
     classifier = shipped_classifier()
     for _ in range(3):
-        classifier = continue_classifier(classifier, answers, replay, parameters=ClassifierContinuation(rounds=10))
+        classifier = continue_classifier(classifier, answers, replay)
     again = ObjectClassifier.from_arrays(classifier.to_arrays())
     np.testing.assert_array_equal(again.scores("pole", values), classifier.scores("pole", values))
     counts = [
@@ -65,5 +66,3 @@ def test_unknown_kinds_and_features_are_refused(replay):
         continue_classifier(
             shipped_classifier(), {"pole": LabelledCandidates(values[:, :5], np.ones(20, bool))}, replay
         )
-    with pytest.raises(ParameterError, match="learn.objects.rounds"):
-        ClassifierContinuation(rounds=0)

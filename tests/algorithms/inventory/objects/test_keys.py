@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mlsroad_pipeline.algorithms.inventory.objects.keys import lasting_keys, new_keys
+from mlsroad_pipeline.algorithms.inventory.objects.table import lasting_keys, new_keys
 
 NONE = pd.DataFrame({"kind": [], "x": [], "y": [], "key": []})
 

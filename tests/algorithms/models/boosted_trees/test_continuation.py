@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
-from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import (
-    Answer,
-    ContinuationParameters,
-    Replay,
-)
+from mlsroad_pipeline.algorithms.models.boosted_trees import answer_boosting
+from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import Answer, ContinuationSettings, Replay
 from mlsroad_pipeline.algorithms.models.boosted_trees.corrected import continue_training
 from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import softmax
 from mlsroad_pipeline.algorithms.models.boosted_trees.parameters import BoostedTreesParameters
@@ -19,7 +16,10 @@ from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTre
 from mlsroad_pipeline.model_store.object_classifiers import read_replay
 from mlsroad_pipeline.model_store.shipped_models import load_shipped
 
-QUICK = ContinuationParameters(rounds=60, bags=2, min_child_samples=5)
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    monkeypatch.setattr(answer_boosting, "SETTINGS", ContinuationSettings(rounds=60, bags=2, min_child_samples=5))
 
 
 @pytest.fixture(scope="module")
@@ -55,9 +55,8 @@ def labels(bundle, values):
 def test_an_answer_is_learned_and_the_rest_is_kept(bundle, rows):
     values, allowed = rows
     wrong, given = answers(values)
-    model = continue_training(
-        bundle, given, values[~wrong], Replay(values[~wrong], allowed[~wrong]), parameters=QUICK, learned_from={"x": 1}
-    )
+    replay = Replay(values[~wrong], allowed[~wrong])
+    model = continue_training(bundle, given, values[~wrong], replay, learned_from={"x": 1})
     before, after = labels(bundle, values), labels(model, values)
     assert (before[wrong] == 1).mean() > 0.95 and (after[wrong] == 2).mean() > 0.8
     assert (after[~wrong] == before[~wrong]).mean() > 0.9
@@ -69,9 +68,7 @@ def test_added_trees_use_the_thresholds_of_the_model_and_are_the_same_each_time(
     values, allowed = rows
     wrong, given = answers(values)
     more = [*given, Answer(values[:50], np.array([True, True, False])), Answer(values[:0], np.ones(3, bool))]
-    models = [
-        continue_training(bundle, more, values[~wrong], Replay(values, allowed), parameters=QUICK) for _ in range(2)
-    ]
+    models = [continue_training(bundle, more, values[~wrong], Replay(values, allowed)) for _ in range(2)]
     old, new = (BoostedTrees.from_arrays(b.arrays) for b in (bundle, models[0]))
     for feature in range(4):
         assert set(new.threshold[new.feature == feature]) <= set(old.threshold[old.feature == feature])
@@ -85,8 +82,6 @@ def test_what_cannot_be_learned_is_refused(bundle, rows):
         continue_training(bundle, [], values, Replay(values, allowed))
     with pytest.raises(DataError, match="must allow one or more of the 3 classes"):
         continue_training(bundle, [Answer(values[:9], np.zeros(3, bool))], values, Replay(values, allowed))
-    with pytest.raises(ParameterError, match=r"learn\.rounds"):
-        ContinuationParameters(rounds=0)
 
 
 def test_the_shipped_replay_is_for_the_classes_of_the_shipped_model():

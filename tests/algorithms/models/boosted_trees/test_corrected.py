@@ -6,10 +6,10 @@ import pytest
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.models.boosted_trees import corrected
+from mlsroad_pipeline.algorithms.models.boosted_trees import answer_boosting, corrected
 from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import (
     Answer,
-    ContinuationParameters,
+    ContinuationSettings,
     Replay,
     Scored,
 )
@@ -32,7 +32,11 @@ from mlsroad_pipeline.model_store.bundle_files import load_bundle, save_bundle
 from mlsroad_pipeline.model_store.shipped_models import load_shipped
 
 SIZE = 0.2
-QUICK = ContinuationParameters(rounds=30, min_child_samples=5)
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    monkeypatch.setattr(answer_boosting, "SETTINGS", ContinuationSettings(rounds=30, min_child_samples=5))
 
 
 def all_wall(cloud, bundle):
@@ -92,7 +96,7 @@ def learned(labeller, scene, *, n_poles=4):
     replay = Replay(none, np.zeros((0, 3), bool)), Scored(none, np.zeros((0, 3)))
     survey = Scored(features.values[rest], scores[rest])
     trees = BoostedTrees.from_arrays(load_shipped("general").arrays)
-    return learn_corrections(labeller, answers, survey, replay, trees=trees, voxel_size=SIZE, parameters=QUICK)
+    return learn_corrections(labeller, answers, survey, replay, trees=trees, voxel_size=SIZE)
 
 
 def test_an_answer_about_poles_changes_the_other_poles_and_keeps_the_rest(labeller, scene, tmp_path):

@@ -10,8 +10,8 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.machines import torch_training
 from mlsroad_pipeline.algorithms.models.machines.torch_training import find_device, reproducible
-from mlsroad_pipeline.label import devices
-from mlsroad_pipeline.label.devices import check_device
+from mlsroad_pipeline.label import checks
+from mlsroad_pipeline.label.checks import check_device
 
 
 @pytest.fixture
@@ -86,7 +86,7 @@ def toy(metadata):
 )
 def test_label_finds_the_device_before_its_workers(cuda, caplog, monkeypatch, metadata):
     cuda(False, "CUDA initialization: out of order")
-    monkeypatch.setattr(devices, "version", lambda _: "2.9.0")  # with CUDA
+    monkeypatch.setattr(checks, "version", lambda _: "2.9.0")  # with CUDA
     check_device(toy(metadata))
     assert "Networks run on the CPU" in caplog.text
     check_device(toy({"parameters": {"device": "auto"}, "segmentation": {"source": "masks"}}))

@@ -28,13 +28,12 @@ from mlsroad_pipeline.algorithms.models.superpoint_transformer.inputs import (
     prepare_inputs,
 )
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.labeller import prepare
-from mlsroad_pipeline.algorithms.models.superpoint_transformer.optimisation import _Run, train_network
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import (
     AugmentationParameters,
     HierarchyParameters,
     SuperpointTransformerParameters,
 )
-from mlsroad_pipeline.algorithms.models.superpoint_transformer.training import fit
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.training import _Run, fit, train_network
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.training_graphs import training_graphs
 from mlsroad_pipeline.model_store.torch_checkpoints import TorchCheckpoints
 

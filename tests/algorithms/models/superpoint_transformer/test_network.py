@@ -9,8 +9,8 @@ from mlsroad_pipeline.algorithms.models.superpoint_transformer.network import (
     segment_max,
     segment_softmax,
 )
-from mlsroad_pipeline.algorithms.models.superpoint_transformer.optimisation import sum_losses
 from mlsroad_pipeline.algorithms.models.superpoint_transformer.parameters import NetworkParameters
+from mlsroad_pipeline.algorithms.models.superpoint_transformer.training import sum_losses
 
 SMALL = NetworkParameters(width=8, n_heads=2, key_width=3, edge_width=5)
 

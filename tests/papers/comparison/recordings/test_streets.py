@@ -20,8 +20,9 @@ def test_ignored_rows_are_unlabelled_in_a_copy():
 
 
 def test_street_gives_one_revolution_per_spacing():
-    street = {"preset": "hdl64", "seed": 3, "length": 10, "speed": 20, "pulse_rate": 40_000, "with_images": False}
-    simulation = simulation_parameters(street)
+    bare = dict.fromkeys(("trees", "shrubs", "palms", "cycas", "clutter", "people", "traffic"), 0.0)
+    survey = {"preset": "hdl64", "seed": 3, "length": 10, "speed": 20, "pulse_rate": 40_000, "with_images": False}
+    simulation = simulation_parameters({**survey, "street": bare})
     scans = make_scenes(simulation=simulation, scan_spacing=5.0)
     whole = make_scenes(simulation=simulation, scan_spacing=None)
     assert list(scans) == ["scene_000", "scene_001"]

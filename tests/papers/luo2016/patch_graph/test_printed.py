@@ -13,10 +13,9 @@ from mlsroad_pipeline.model_store.bundle_files import load_bundle, save_bundle
 from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import PatchGraphParameters
 from mlsroad_pipeline.papers.luo2016.patch_graph.costs import CostWeights
 from mlsroad_pipeline.papers.luo2016.patch_graph.refined_classifier import GridParameters
-from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
+from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters, PatchStages
 from mlsroad_pipeline.papers.shared.patches.labelling import label_patches
 from mlsroad_pipeline.papers.shared.patches.training import PatchTraining, join_training_scenes
-from mlsroad_pipeline.papers.shared.patches.types import PatchStages
 
 
 def test_the_printed_values_are_those_of_the_paper():

@@ -26,9 +26,8 @@ from mlsroad_pipeline.papers.luo2016.shape_based.labeller import (
     label_objects,
     training_objects,
 )
-from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
+from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters, PatchStages
 from mlsroad_pipeline.papers.shared.patches.labelling import build_patches
-from mlsroad_pipeline.papers.shared.patches.types import PatchStages
 
 
 def column(x, y, top, *, step=0.2, bottom=0.4):

@@ -18,11 +18,10 @@ from mlsroad_pipeline.papers.luo2016.patch_graph.refined_classifier import GridP
 from mlsroad_pipeline.papers.luo2016.patch_svm.classifier import PatchSvmParameters
 from mlsroad_pipeline.papers.luo2016.shape_based import labeller as shape_based
 from mlsroad_pipeline.papers.luo2016.shape_based import labeller as shape_training
-from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
+from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters, PatchStages
 from mlsroad_pipeline.papers.shared.patches.labelling import label_patches
 from mlsroad_pipeline.papers.shared.patches.models import train as train_classifier
 from mlsroad_pipeline.papers.shared.patches.training import PatchTraining, join_training_scenes, number_surveys
-from mlsroad_pipeline.papers.shared.patches.types import PatchStages
 
 STAGES = PatchStages(GroundParameters(), PatchParameters())
 SVM = PatchSvmParameters(costs=[10.0], gammas=[0.1], cv_per_class=40, max_per_class=80)

@@ -8,10 +8,19 @@ import pytest
 from scipy import stats
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_curves, draw_lines, draw_panels, name_axes
 from mlsroad_pipeline.papers.shared.studies.parameters import chosen_scale
 from mlsroad_pipeline.papers.shared.studies.streets import timed
-from mlsroad_pipeline.papers.shared.studies.study import Shown, Study, mean_and_spread, paired_interval
+from mlsroad_pipeline.papers.shared.studies.study import (
+    Shown,
+    Study,
+    draw_bars,
+    draw_curves,
+    draw_lines,
+    draw_panels,
+    mean_and_spread,
+    name_axes,
+    paired_interval,
+)
 
 
 def test_interval_is_that_of_the_paired_t_test_over_what_is_defined():

@@ -13,10 +13,11 @@ from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.papers.shared.studies.study import paper_table
 from mlsroad_pipeline.papers.yu2016.study import scores as yu2016
 from mlsroad_pipeline.papers.yu2016.study.parameters import StudyParameters, StudyScale, StudySurvey, model_key, run_key
-from mlsroad_pipeline.papers.yu2016.study.runs import joint_prevalence, touching_instances
-from mlsroad_pipeline.papers.yu2016.study.streets import (
+from mlsroad_pipeline.papers.yu2016.study.runs import (
+    joint_prevalence,
     make_survey,
     separate_images,
+    touching_instances,
     whole_gantries,
     without_streaks,
 )

@@ -12,9 +12,8 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.inventory.objects.class_groups import GROUPS, ClassEvidence
 from mlsroad_pipeline.algorithms.inventory.objects.evidence import SceneCells
 from mlsroad_pipeline.algorithms.inventory.objects.fragments import find_fragments, join_voxels
-from mlsroad_pipeline.algorithms.inventory.objects.measured_rows import Evidence, find_candidates
+from mlsroad_pipeline.algorithms.inventory.objects.measured_rows import FEATURES, Evidence, find_candidates
 from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import POLE, STEM, TRUNK, Classifier
-from mlsroad_pipeline.algorithms.inventory.objects.object_features import FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.plates import PLATE, SIGN, chosen_plates, find_plates
 from mlsroad_pipeline.algorithms.inventory.objects.rules import ObjectRule, rules_for_scheme
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import Stems, find_scene_stems

@@ -22,15 +22,7 @@ from mlsroad_pipeline.algorithms.inventory.objects.plates import PLATE, PLATE_FE
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import STEM_FEATURES, find_scene_stems
 from mlsroad_pipeline.algorithms.inventory.scoring.object_scores import REACH
-from mlsroad_pipeline.algorithms.inventory.training.streets import (
-    CUT,
-    LEAST_POINTS,
-    RECORDED,
-    SIGNS,
-    Street,
-    true_objects,
-    variant_of_street,
-)
+from mlsroad_pipeline.algorithms.inventory.training import streets
 
 SHORTEST, STRETCHED = 0.4, 1.2
 """Least length of a vehicle seen in part, and largest one of a moving vehicle, as multiples of its true length."""
@@ -54,8 +46,8 @@ def parts_of_street(
         PLATE: [pd.DataFrame({"street": []})],
     }
     for variant in variants if len(points["xyz"]) else ():
-        if variant != CUT:
-            street = variant_of_street(name, variant, points, objects, labels, scheme)
+        if variant != streets.CUT:
+            street = streets.variant_of_street(name, variant, points, objects, labels, scheme)
             cells = _scene_of(street).cells
             tables[STEM].append(stem_table(street, cells))
             tables[PLATE].append(plate_table(street, cells))
@@ -75,8 +67,8 @@ def candidates_of_street(
     """Return the candidates of variants of a street, and the number of true objects of each variant and kind."""
     tables, counts = [pd.DataFrame({"street": []})], []
     for variant in variants if len(points["xyz"]) else ():
-        street = variant_of_street(name, variant, points, objects, labels, scheme)
-        truth = true_objects(street)
+        street = streets.variant_of_street(name, variant, points, objects, labels, scheme)
+        truth = streets.true_objects(street)
         tables.append(with_truth(find_candidate_rows(street, classifier), truth).assign(variant=variant))
         there = truth["counted"] | (truth["enough"] & (truth["kind"] == "vehicle"))
         counts += [(variant, kind, int((truth["kind"] == kind)[there].sum())) for kind in KINDS]
@@ -85,24 +77,24 @@ def candidates_of_street(
 
 
 def candidates_of_boxes(
-    street: Street, boxes: pd.DataFrame, members: Sequence[NDArray[np.int64]], classifier: ObjectClassifier
+    street: streets.Street, boxes: pd.DataFrame, members: Sequence[NDArray[np.int64]], classifier: ObjectClassifier
 ) -> dict[str, pd.DataFrame]:
     """Return the vehicles among the candidates of a scan, and the number of true ones; `members` are rows of points."""
     instance = np.zeros(len(street.local), np.int64)
     for k, rows in enumerate(members):
         instance[rows] = k + 1
-    enough = np.array([len(rows) >= LEAST_POINTS["vehicle"] for rows in members], bool)
+    enough = np.array([len(rows) >= streets.LEAST_POINTS["vehicle"] for rows in members], bool)
     truth = pd.DataFrame({
         "kind": "vehicle", "x": boxes["x"], "y": boxes["y"], "length": boxes["length"], "enough": enough,
         "counted": enough & boxes["counted"].to_numpy(bool), "instance": np.arange(1, len(boxes) + 1),
     })  # fmt: skip
     found = find_candidate_rows(street._replace(instance=instance), classifier)
-    found = with_truth(found[found["kind"] == "vehicle"].reset_index(drop=True), truth).assign(variant=RECORDED)
-    true = pd.DataFrame({"variant": [RECORDED], "kind": ["vehicle"], "objects": [int(enough.sum())]})
+    found = with_truth(found[found["kind"] == "vehicle"].reset_index(drop=True), truth).assign(variant=streets.RECORDED)
+    true = pd.DataFrame({"variant": [streets.RECORDED], "kind": ["vehicle"], "objects": [int(enough.sum())]})
     return {"candidates": found, "true": true}
 
 
-def stem_table(street: Street, cells: SceneCells) -> pd.DataFrame:
+def stem_table(street: streets.Street, cells: SceneCells) -> pd.DataFrame:
     """Return the features of the stems of a street, and what each is."""
     labels = raised_labels(street.evidence, candidate_rules(street.scheme, {}))
     stems = find_scene_stems(street.local, street.height, stem_points(street.evidence, labels), cells)
@@ -115,21 +107,21 @@ def stem_table(street: Street, cells: SceneCells) -> pd.DataFrame:
     return table.assign(target=np.where(trunk > 0.5, TRUNK, np.where(pole > 0.4, POLE, NEITHER)), street=street.name)
 
 
-def plate_table(street: Street, cells: SceneCells) -> pd.DataFrame:
+def plate_table(street: streets.Street, cells: SceneCells) -> pd.DataFrame:
     """Return the features of the pieces of a street that may be plates, and whether most of each is of a sign."""
     plates = find_plates(street.local, street.height, sign_probability(street.evidence), cells)
-    share = [float(np.isin(street.truth[rows], SIGNS).mean()) for rows in plates.members]
+    share = [float(np.isin(street.truth[rows], streets.SIGNS).mean()) for rows in plates.members]
     table = pd.DataFrame(plates.features, columns=list(PLATE_FEATURES))
     return table.assign(target=np.array(share) > 0.5, street=street.name)
 
 
-def find_candidate_rows(street: Street, classifier: ObjectClassifier) -> pd.DataFrame:
+def find_candidate_rows(street: streets.Street, classifier: ObjectClassifier) -> pd.DataFrame:
     """Return the candidates of a street with their features."""
     rules = candidate_rules(street.scheme, {})
     return find_candidate_table(_scene_of(street), rules, classifier).assign(street=street.name)
 
 
-def _scene_of(street: Street) -> CandidateScene:
+def _scene_of(street: streets.Street) -> CandidateScene:
     return CandidateScene(street.local, street.origin, street.height, street.evidence, street.instance)
 
 

@@ -11,6 +11,7 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from mlsroad_pipeline.algorithms.inventory.objects.candidate_table import FEATURE_COLUMNS
+from mlsroad_pipeline.algorithms.inventory.objects.measured_rows import FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import (
     POLE,
     STEM,
@@ -18,7 +19,6 @@ from mlsroad_pipeline.algorithms.inventory.objects.object_classifier import (
     LabelledCandidates,
     ObjectClassifier,
 )
-from mlsroad_pipeline.algorithms.inventory.objects.object_features import FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.plates import PLATE, PLATE_FEATURES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.stem_features import STEM_FEATURES

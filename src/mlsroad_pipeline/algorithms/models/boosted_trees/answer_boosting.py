@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
 from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import softmax
 from mlsroad_pipeline.algorithms.models.boosted_trees.training import partial_label_objective
 from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees, ThresholdCodes
@@ -22,8 +21,8 @@ FULL_WEIGHT = 10
 
 
 @dataclass(frozen=True)
-class ContinuationParameters:
-    """Parameters of the boosting from answers."""
+class ContinuationSettings:
+    """Settings of the boosting from answers, which models keep in their metadata."""
 
     rounds: int = 40  # Rounds of boosting, of one tree per class each
     bags: int = 2  # Sets of trees from different samples; their mean is added. More of them vary less and take longer.
@@ -35,19 +34,14 @@ class ContinuationParameters:
     # Share of the voxels of a class, those with the highest confidence, that the confident ones are drawn from
     confident: float = 0.5
     replayed: int = 4000  # Maximum voxels of the model's own training data in a set of trees
-    # answer_weight, replay_weight, confident_weight: weight of each source; 0 leaves a source out, but not the answers
+    # answer_weight, replay_weight, confident_weight: weight of each source
     answer_weight: float = 1.0
     replay_weight: float = 1.0
     confident_weight: float = 1.0
     seed: int = 2026  # Seed of samples and trees
 
-    def __post_init__(self) -> None:
-        for name in ("learning_rate", "confident", "answer_weight"):
-            check_positive(getattr(self, name), f"learn.{name}")
-        for name, least in (("rounds", 1), ("bags", 1), ("leaves", 2), ("per_answer", 1), ("min_child_samples", 1)):
-            check_at_least(getattr(self, name), least, f"learn.{name}")
-        for name in ("per_class", "replayed", "replay_weight", "confident_weight"):
-            check_at_least(getattr(self, name), 0, f"learn.{name}")
+
+SETTINGS = ContinuationSettings()
 
 
 class Answer(NamedTuple):
@@ -87,8 +81,6 @@ def boost_on_answers(
     *,
     trees: BoostedTrees,
     groups: NDArray[np.integer] | None,
-    parameters: ContinuationParameters,
-    n_threads: int = 1,
 ) -> list[BoostedTrees]:
     """Return sets of trees whose mean corrects the scores of a model, whatever its method."""
     used = [answer for answer in answers if len(answer.values)]
@@ -98,32 +90,29 @@ def boost_on_answers(
     for what, table in (("an answer", np.stack([answer.classes for answer in used])), ("the replay", replay.allowed)):
         if table.shape[1] != n_classes or not table.any(axis=1).all():
             raise DataError(f"{what} must allow one or more of the {n_classes} classes of the model")
-    codes, own = ThresholdCodes(trees), parameters
+    codes, own = ThresholdCodes(trees), SETTINGS
     groups = np.arange(n_classes) if groups is None else groups
     sets = []
     for bag in range(own.bags):
         rng = np.random.default_rng((own.seed, bag))
         rows = [
-            _weighted(_of_answers(used, own, rng), own.answer_weight * min(1.0, len(used) / FULL_WEIGHT)),
-            _weighted(_of_replay(replay, replayed, own, rng), own.replay_weight),
-            _weighted(_confident(survey, groups, own, rng), own.confident_weight),
+            _weighted(_of_answers(used, rng), own.answer_weight * min(1.0, len(used) / FULL_WEIGHT)),
+            _weighted(_of_replay(replay, replayed, rng), own.replay_weight),
+            _weighted(_confident(survey, groups, rng), own.confident_weight),
         ]
         values, allowed, weight, scores = (np.concatenate(part) for part in zip(*rows, strict=True))
-        added = _boost(codes, values, allowed, weight * (len(weight) / weight.sum()), scores, own, bag, n_threads)
-        sets.append(added)
+        sets.append(_boost(codes, values, allowed, weight * (len(weight) / weight.sum()), scores, bag))
     return sets
 
 
 def _weighted(rows: _Rows, total: float) -> _Rows:
-    """Return rows whose weights have a given sum; none for a source of weight 0."""
-    if not len(rows.weight) or total == 0:
-        return _Rows(rows.values[:0], rows.allowed[:0], rows.weight[:0], rows.scores[:0])
-    return rows._replace(weight=rows.weight * (total / rows.weight.sum()))
+    """Return rows whose weights have a given sum."""
+    return rows._replace(weight=rows.weight * (total / rows.weight.sum())) if len(rows.weight) else rows
 
 
-def _of_answers(answers: Sequence[Answer], own: ContinuationParameters, rng: np.random.Generator) -> _Rows:
+def _of_answers(answers: Sequence[Answer], rng: np.random.Generator) -> _Rows:
     """Return the voxels of the answers: an answer weighs as the root of its voxels, a class as the root of its sum."""
-    drawn = [rng.permutation(len(answer.values))[: own.per_answer] for answer in answers]
+    drawn = [rng.permutation(len(answer.values))[: SETTINGS.per_answer] for answer in answers]
     sizes = np.array([len(rows) for rows in drawn])
     each = np.sqrt([len(answer.values) for answer in answers])
     classes = np.stack([answer.classes for answer in answers])
@@ -137,14 +126,12 @@ def _of_answers(answers: Sequence[Answer], own: ContinuationParameters, rng: np.
     return _Rows(values, np.repeat(classes, sizes, axis=0), np.repeat(each / sizes, sizes), scores)
 
 
-def _of_replay(replay: Replay, scored: Scored, own: ContinuationParameters, rng: np.random.Generator) -> _Rows:
-    rows = rng.permutation(len(replay.values))[: own.replayed]
+def _of_replay(replay: Replay, scored: Scored, rng: np.random.Generator) -> _Rows:
+    rows = rng.permutation(len(replay.values))[: SETTINGS.replayed]
     return _Rows(scored.values[rows], replay.allowed[rows], np.ones(len(rows)), scored.scores[rows])
 
 
-def _confident(
-    survey: Scored, groups: NDArray[np.integer], own: ContinuationParameters, rng: np.random.Generator
-) -> _Rows:
+def _confident(survey: Scored, groups: NDArray[np.integer], rng: np.random.Generator) -> _Rows:
     """Return voxels of the survey with a high predicted probability; each predicted class has the same weight."""
     member = groups[None, :] == np.arange(int(groups.max()) + 1)[:, None]
     of_group = softmax(survey.scores) @ member.T
@@ -152,10 +139,10 @@ def _confident(
     chosen, weights = [np.zeros(0, np.int64)], [np.zeros(0)]
     for group in range(len(member)):
         rows = np.flatnonzero(best == group)
-        if len(rows) < own.min_child_samples:
+        if len(rows) < SETTINGS.min_child_samples:
             continue
-        rows = rows[probability[rows] >= np.quantile(probability[rows], 1.0 - own.confident)]
-        rows = rng.permutation(rows)[: own.per_class]
+        rows = rows[probability[rows] >= np.quantile(probability[rows], 1.0 - SETTINGS.confident)]
+        rows = rng.permutation(rows)[: SETTINGS.per_class]
         chosen.append(rows)
         weights.append(np.full(len(rows), 1.0 / max(len(rows), 1)))
     picked = np.concatenate(chosen)
@@ -168,12 +155,11 @@ def _boost(
     allowed: NDArray[np.bool_],
     weight: NDArray[np.float64],
     scores: NDArray[np.float64],
-    own: ContinuationParameters,
     bag: int,
-    n_threads: int,
 ) -> BoostedTrees:
     import lightgbm  # noqa: PLC0415  # labelling needs none
 
+    own = SETTINGS
     seed = own.seed + bag
     settings: dict[str, Any] = {
         "num_class": allowed.shape[1],
@@ -189,7 +175,7 @@ def _boost(
         "extra_seed": seed,
         "deterministic": True,
         "force_row_wise": True,
-        "num_threads": n_threads,
+        "num_threads": 1,
         "verbosity": -1,
     }
     data = lightgbm.Dataset(codes.encode(values), np.zeros(len(values)), params=settings, init_score=scores)

@@ -17,13 +17,8 @@ from mlsroad_pipeline.algorithms.core.labels import unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.features.voxel_table import voxel_feature_names
-from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import (
-    Answer,
-    ContinuationParameters,
-    Replay,
-    Scored,
-    boost_on_answers,
-)
+from mlsroad_pipeline.algorithms.models.boosted_trees import answer_boosting
+from mlsroad_pipeline.algorithms.models.boosted_trees.answer_boosting import Answer, Replay, Scored, boost_on_answers
 from mlsroad_pipeline.algorithms.models.boosted_trees.labeller import describe_scene, softmax
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
 from mlsroad_pipeline.algorithms.models.familiarity import familiarity_of
@@ -39,12 +34,9 @@ def continue_training(
     survey: NDArray[np.float32],
     replay: Replay,
     *,
-    parameters: ContinuationParameters | None = None,
     learned_from: Mapping[str, Any] | None = None,
-    n_threads: int = 1,
 ) -> ModelBundle:
     """Return a model that has learned from answers."""
-    own = parameters or ContinuationParameters()
     trees = BoostedTrees.from_arrays(bundle.arrays)
     temperature = float(bundle.arrays["temperature"])
 
@@ -52,32 +44,22 @@ def continue_training(
         rows = values.astype(np.float32, copy=False)
         if not len(rows):
             return Scored(rows, np.zeros((0, len(bundle.metadata["classes"]))))
-        return Scored(rows, trees.scores(rows, n_threads=n_threads) / temperature + bundle.arrays["offsets"])
+        return Scored(rows, trees.scores(rows) / temperature + bundle.arrays["offsets"])
 
     known = [answer._replace(scores=scored(answer.values).scores) for answer in answers]
-    added = boost_on_answers(
-        known,
-        scored(survey),
-        replay,
-        scored(replay.values),
-        trees=trees,
-        groups=bundle.arrays.get("groups"),
-        parameters=own,
-        n_threads=n_threads,
-    )
-    entry = learned_entry(answers, own, learned_from)
+    groups = bundle.arrays.get("groups")
+    added = boost_on_answers(known, scored(survey), replay, scored(replay.values), trees=trees, groups=groups)
+    entry = learned_entry(answers, learned_from)
     metadata = {**bundle.metadata, "learned": [*bundle.metadata.get("learned", ()), entry]}
     kept = {name: array for name, array in bundle.arrays.items() if name not in trees.to_arrays()}
-    scaled = [replace(part, leaf=(part.leaf * (temperature / own.bags)).astype(np.float32)) for part in added]
+    scaled = [replace(part, leaf=(part.leaf * (temperature / len(added))).astype(np.float32)) for part in added]
     return ModelBundle(bundle.slug, {**BoostedTrees.joined([trees, *scaled]).to_arrays(), **kept}, metadata)
 
 
-def learned_entry(
-    answers: Sequence[Answer], parameters: ContinuationParameters, learned_from: Mapping[str, Any] | None
-) -> dict[str, Any]:
+def learned_entry(answers: Sequence[Answer], learned_from: Mapping[str, Any] | None) -> dict[str, Any]:
     """Return the description of a learning for the metadata of a model."""
     used = sum(len(answer.values) > 0 for answer in answers)
-    return {"answers": used, "parameters": asdict(parameters), **(learned_from or {})}
+    return {"answers": used, "parameters": asdict(answer_boosting.SETTINGS), **(learned_from or {})}
 
 
 SLUG = "corrected"
@@ -102,20 +84,17 @@ def learn_corrections(
     *,
     trees: BoostedTrees,
     voxel_size: float,
-    parameters: ContinuationParameters | None = None,
     learned_from: Mapping[str, Any] | None = None,
-    n_threads: int = 1,
 ) -> ModelBundle:
     """Return a labeller with trees that correct it."""
-    own = parameters or ContinuationParameters()
     base, before = labeller_of(bundle), added_trees(bundle)
     if bundle.slug == SLUG and bundle.metadata["voxel_size"] != voxel_size:
         raise DataError(f"the trees of the model have voxels of {bundle.metadata['voxel_size']} m, not {voxel_size} m")
     groups = base.arrays.get("groups")
-    added = boost_on_answers(answers, survey, *replay, trees=trees, groups=groups, parameters=own, n_threads=n_threads)
-    parts = [replace(part, leaf=(part.leaf / own.bags).astype(np.float32)) for part in added]
+    added = boost_on_answers(answers, survey, *replay, trees=trees, groups=groups)
+    parts = [replace(part, leaf=(part.leaf / len(added)).astype(np.float32)) for part in added]
     joined = BoostedTrees.joined([*([] if before is None else [before]), *parts])
-    learned = [*bundle.metadata.get("learned", ()), learned_entry(answers, own, learned_from)]
+    learned = [*bundle.metadata.get("learned", ()), learned_entry(answers, learned_from)]
     return _with_trees(base, joined, voxel_size, learned)
 
 

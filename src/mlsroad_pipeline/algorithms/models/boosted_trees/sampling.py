@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.labels import core_labels
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
@@ -35,10 +36,7 @@ def training_voxels(
     scene: PointCloud, ground: Ground, *, parameters: BoostedTreesParameters, scheme: ClassScheme
 ) -> TrainingVoxels:
     """Draw the training voxels of a scene labelled in a scheme."""
-    labels = scheme.encode(scene["label"], source=scene.source)
-    core = scene.get("core")
-    if core is not None:
-        labels = np.where(core, labels, np.int16(IGNORE))
+    labels = core_labels(scene, scheme)
     return sample_voxels(scene, ground, labels, np.eye(len(scheme), dtype=np.bool_), parameters=parameters)
 
 

@@ -16,16 +16,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme
 from mlsroad_pipeline.algorithms.models.machines.combinations import decide
-from mlsroad_pipeline.algorithms.models.pool.labeller import (
-    INTERCEPT,
-    TERMS,
-    PooledVoxels,
-    ground_classes,
-    ground_terms,
-    members_of,
-    natural_share,
-    pooled_voxels,
-)
+from mlsroad_pipeline.algorithms.models.pool import labeller
 
 NATURAL = [TAXONOMY[name] for name in ("grass", "soil", "trail")]
 GAMMA = 2.2
@@ -117,12 +108,12 @@ class Ground(NamedTuple):
 def grounds_of(cloud: PointCloud, bundle: ModelBundle, seed: int) -> list[Ground]:
     """Return the ground of a simulated street that the pool labels, with its own colours and with others."""
     truth = bundle_scheme(bundle).encode(cloud["label"])
-    pooled = pooled_voxels(cloud, bundle)
+    pooled = labeller.pooled_voxels(cloud, bundle)
     if pooled is None:
         raise DataError(f"{cloud.source}: the pool labels no point")
     probabilities, owner, _ = pooled
-    labels, _ = decide(probabilities, next(iter(members_of(bundle).values())).arrays.get("groups"))
-    pair = ground_classes(bundle.classes)
+    labels, _ = decide(probabilities, next(iter(labeller.members_of(bundle).values())).arrays.get("groups"))
+    pair = labeller.ground_classes(bundle.classes)
     on_ground = np.flatnonzero((owner >= 0) & np.isin(labels[owner], pair))
     found = []
     for variant in range(1 + VARIANTS):
@@ -135,7 +126,7 @@ def grounds_of(cloud: PointCloud, bundle: ModelBundle, seed: int) -> list[Ground
 
 
 def ground_of(
-    pooled: PooledVoxels, labels: NDArray[np.integer], truth: NDArray[np.integer], rgb: NDArray[np.uint8],
+    pooled: labeller.PooledVoxels, labels: NDArray[np.integer], truth: NDArray[np.integer], rgb: NDArray[np.uint8],
     pair: tuple[int, int],
 ) -> Ground:  # fmt: skip
     """Return the ground of a labelled cloud with the true classes of its points, -1 for none, and their colours."""
@@ -145,12 +136,12 @@ def ground_of(
         np.bincount(owner[known & chosen], minlength=len(labels)).astype(np.float64)
         for chosen in (truth == pair[0], truth == pair[1], truth >= 0)
     )
-    rows, terms = ground_terms(probabilities, labels, pair, rgb, owner, region)
+    rows, terms = labeller.ground_terms(probabilities, labels, pair, rgb, owner, region)
     others = np.ones(len(labels), np.bool_)
     others[rows] = False
     named = others & (labels == pair[1])
     rest = [natural[named].sum(), (points - natural)[named].sum(), natural[others & ~named].sum()]
-    table = np.stack([terms[name] for name in TERMS], axis=1)
+    table = np.stack([terms[name] for name in labeller.TERMS], axis=1)
     return Ground(table, paved[rows], natural[rows], points[rows], np.array(rest), labels[rows] == pair[1])
 
 
@@ -168,8 +159,11 @@ def fit(grounds: Sequence[Ground]) -> dict[str, float]:
     spread = terms[used].std(axis=0)
     regression = LogisticRegression(C=10.0, max_iter=1000, tol=1e-6)
     regression.fit(terms[used] / spread, truth[used], sample_weight=weight[used])
-    weights = dict(zip(TERMS, regression.coef_[0] / spread, strict=True))
-    return {name: round(float(value), 2) for name, value in {**weights, INTERCEPT: regression.intercept_[0]}.items()}
+    weights = dict(zip(labeller.TERMS, regression.coef_[0] / spread, strict=True))
+    return {
+        name: round(float(value), 2)
+        for name, value in {**weights, labeller.INTERCEPT: regression.intercept_[0]}.items()
+    }
 
 
 def held_out_f1(surveys: Sequence[Sequence[Ground]]) -> NDArray[np.float64]:
@@ -191,4 +185,4 @@ def held_out_f1(surveys: Sequence[Sequence[Ground]]) -> NDArray[np.float64]:
 
 def _share_of(ground: Ground, weights: dict[str, float]) -> NDArray[np.float64]:
     """Return the share of natural ground of the voxels."""
-    return natural_share(dict(zip(TERMS, ground.terms.T, strict=True)), weights)
+    return labeller.natural_share(dict(zip(labeller.TERMS, ground.terms.T, strict=True)), weights)

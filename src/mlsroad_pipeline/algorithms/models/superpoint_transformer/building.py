@@ -5,6 +5,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
+from mlsroad_pipeline.algorithms.core.labels import core_labels
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_results import Ground, SupervoxelPartition, SupervoxelTable
 from mlsroad_pipeline.algorithms.features.supervoxel_moments import COLOUR_FEATURES, INTENSITY_FEATURES
@@ -109,10 +110,7 @@ def count_labels(
 ) -> SuperpointGraph:
     """Return the graph with the label histograms of the core points of a training scene."""
     keep = inliers(scene)
-    labels = scheme.encode(scene["label"], source=scene.source)
-    core = scene.get("core")
-    if core is not None:
-        labels = np.where(core, labels, np.int16(IGNORE))
+    labels = core_labels(scene, scheme)
     known = keep & (labels != IGNORE)
     n, n_classes = len(graph.levels[0]), len(scheme)
     cells = supervoxels["labels"][known].astype(np.int64) * n_classes + labels[known]

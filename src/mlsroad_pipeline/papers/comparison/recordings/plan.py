@@ -19,17 +19,7 @@ from mlsroad_pipeline.algorithms.models.methods import METHODS, methods_of
 from mlsroad_pipeline.algorithms.models.pool.labeller import SLUG as POOL
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import Deferred, SceneTask, SourceFile
-from mlsroad_pipeline.papers.comparison.recordings.parameters import (
-    BOTH,
-    OTHERS,
-    OWN,
-    PROTOCOLS,
-    SHIPPED,
-    SIMULATED,
-    Source,
-    StudyParameters,
-    sources_of,
-)
+from mlsroad_pipeline.papers.comparison.recordings import parameters as recordings
 from mlsroad_pipeline.papers.comparison.recordings.preparation import model_arrays, preparation_of, prepare, train_model
 from mlsroad_pipeline.papers.comparison.recordings.scoring import score_source
 from mlsroad_pipeline.papers.comparison.recordings.streets import make_scenes
@@ -69,8 +59,8 @@ class Run(NamedTuple):
 class StudyPlan:
     """Parameters of all stages of the benchmark, and the runs that follow from them."""
 
-    study: StudyParameters
-    sources: Mapping[str, Source]
+    study: recordings.StudyParameters
+    sources: Mapping[str, recordings.Source]
     codings: Mapping[str, Coding]  # recording to the coding of its labels
     scheme: ClassScheme
     parameters: Mapping[str, Any]  # group or slug to parameters
@@ -83,8 +73,8 @@ class StudyPlan:
     def runs(self) -> list[Run]:
         """Return the runs that are requested."""
         chosen = self.study
-        methods = {slug: PROTOCOLS[1:] for slug in methods_of("labelling")}
-        models = {name: PROTOCOLS if name == POOL else (SHIPPED,) for name in chosen.models}
+        methods = {slug: recordings.PROTOCOLS[1:] for slug in methods_of("labelling")}
+        models = {name: recordings.PROTOCOLS if name == POOL else (recordings.SHIPPED,) for name in chosen.models}
         every: dict[str, tuple[str, ...]] = {**models, **methods}
         for what, name, known in (("method", chosen.method, every), ("source", chosen.source, self.sources)):
             if name is not None and name not in known:
@@ -94,7 +84,7 @@ class StudyPlan:
             for method, protocols in every.items()
             for protocol in protocols
             for source in self.sources
-            if (method != POOL or protocol == SHIPPED or source not in chosen.seen)
+            if (method != POOL or protocol == recordings.SHIPPED or source not in chosen.seen)
             and chosen.method in (None, method)
             and chosen.protocol in (None, protocol)
             and chosen.source in (None, source)
@@ -102,22 +92,22 @@ class StudyPlan:
         if not found:
             raise ParameterError(
                 f"recordings_study.method {chosen.method!r} has no protocol {chosen.protocol!r}: models of the package "
-                f"have {SHIPPED!r}, labellers the others, {POOL!r} all"
+                f"have {recordings.SHIPPED!r}, labellers the others, {POOL!r} all"
             )
         return found
 
     def training_set(self, run: Run) -> str:
         """Return the name of the training data of a run; runs of one name share a model."""
-        if run.protocol == SIMULATED:
-            return SIMULATED
-        name = self.sources[run.source].left_out if run.protocol == OTHERS else run.source
+        if run.protocol == recordings.SIMULATED:
+            return recordings.SIMULATED
+        name = self.sources[run.source].left_out if run.protocol == recordings.OTHERS else run.source
         return f"{run.protocol}.{name}"
 
     def used_sources(self, run: Run) -> list[str]:
         """Return the recordings that a run is trained on."""
-        if run.protocol in (OWN, BOTH):
+        if run.protocol in (recordings.OWN, recordings.BOTH):
             return [run.source]
-        if run.protocol == OTHERS:
+        if run.protocol == recordings.OTHERS:
             left_out = self.sources[run.source].left_out
             return [name for name, source in self.sources.items() if source.left_out != left_out]
         return []
@@ -129,8 +119,12 @@ class StudyPlan:
 
     def training_scenes(self, run: Run) -> dict[str, str]:
         """Return the scenes that a run is trained on, with their use (`WHOLE` or `OWN`)."""
-        use = OWN if run.protocol in (OWN, BOTH) else WHOLE
-        scenes = {} if run.protocol in (OWN, SHIPPED) else {street_key(name): WHOLE for name in self.streets()}
+        use = recordings.OWN if run.protocol in (recordings.OWN, recordings.BOTH) else WHOLE
+        scenes = (
+            {}
+            if run.protocol in (recordings.OWN, recordings.SHIPPED)
+            else {street_key(name): WHOLE for name in self.streets()}
+        )
         for name in self.used_sources(run):
             source = self.sources[name]
             paths = source.paths(self.root)
@@ -155,7 +149,7 @@ class StudyPlan:
 
     def trained_runs(self) -> list[Run]:
         """Return the runs with a model that is trained here."""
-        return [run for run in self.runs() if run.protocol != SHIPPED]
+        return [run for run in self.runs() if run.protocol != recordings.SHIPPED]
 
     def read_sources(self) -> list[str]:
         """Return the recordings that the runs are trained or scored on."""
@@ -177,7 +171,7 @@ STAGES = ("ground_removal", "supervoxelise", "features", "patches")
 
 
 def plan_study(
-    study: StudyParameters,
+    study: recordings.StudyParameters,
     classes: Mapping[str, Any],
     ground_removal: GroundParameters,
     supervoxelise: SupervoxelParameters,
@@ -186,7 +180,7 @@ def plan_study(
     **methods: Any,
 ) -> StudyPlan:
     """Return the plan."""
-    sources = sources_of(study.sources)
+    sources = recordings.sources_of(study.sources)
     codings = {name: source.read_coding(classes["codings"]) for name, source in sources.items()}
     scheme = find_scheme(classes["schemes"], study.scheme)
     stages = dict(zip(STAGES, (ground_removal, supervoxelise, features, patches), strict=True))
@@ -196,7 +190,7 @@ def plan_study(
 def read_scenes(plan: StudyPlan) -> dict[str, SceneTask]:
     """Create one task per file of a recording that reads it, and one per street that simulates it."""
     tasks = {}
-    trained = any(run.protocol not in (SHIPPED, OWN) for run in plan.runs())
+    trained = any(run.protocol not in (recordings.SHIPPED, recordings.OWN) for run in plan.runs())
     for name, config in plan.streets().items() if trained else ():
         street = {"simulation": simulation_parameters(config), "scan_spacing": config.get("scan_spacing")}
         tasks[street_key(name)] = SceneTask(make_scenes, parameters=street)
@@ -273,14 +267,14 @@ def score_runs(
     for run in plan.runs():
         source = plan.sources[run.source]
         stems = list(source.paths(plan.root))
-        model: Any = of_package[run.method] if run.protocol == SHIPPED else models[model_key(plan, run)]
+        model: Any = of_package[run.method] if run.protocol == recordings.SHIPPED else models[model_key(plan, run)]
         inputs = {"scenes": Deferred(tuple(scenes[f"{run.source}.{stem}"] for stem in stems)), "model": model}
-        if run.method == POOL and run.protocol != SHIPPED:
+        if run.method == POOL and run.protocol != recordings.SHIPPED:
             inputs["pool"] = of_package[POOL]
         parameters = {
             "scheme": plan.scheme,
             "mixed": {name: tuple(others) for name, others in source.mixed.items()},
-            "only_test": run.protocol in (OWN, BOTH),
+            "only_test": run.protocol in (recordings.OWN, recordings.BOTH),
         }
         tasks[run.key] = SceneTask(score_source, inputs, parameters)
     return tasks

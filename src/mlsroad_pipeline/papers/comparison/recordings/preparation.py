@@ -28,9 +28,9 @@ from mlsroad_pipeline.execution.task import StoredResult
 from mlsroad_pipeline.papers.comparison.recordings.parameters import OWN
 from mlsroad_pipeline.papers.comparison.recordings.streets import ignoring, scenes_in
 from mlsroad_pipeline.papers.luo2016.shape_based import labeller as shape_based
+from mlsroad_pipeline.papers.shared.patches.extraction import PatchStages
 from mlsroad_pipeline.papers.shared.patches.labelling import build_patches, label_patches
 from mlsroad_pipeline.papers.shared.patches.training import PatchTraining, join_training_scenes
-from mlsroad_pipeline.papers.shared.patches.types import PatchStages
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import fit as fit_forest
 from mlsroad_pipeline.papers.tomic2019.detrended_forest.training import training_rows
 

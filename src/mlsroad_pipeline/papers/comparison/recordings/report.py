@@ -15,8 +15,7 @@ from mlsroad_pipeline.papers.comparison.recordings import plan as stages
 from mlsroad_pipeline.papers.comparison.recordings.parameters import PROTOCOLS
 from mlsroad_pipeline.papers.comparison.recordings.results import shown_rows, study_tables
 from mlsroad_pipeline.papers.comparison.recordings.scoring import unmixed
-from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_panels, legend_below, name_axes
-from mlsroad_pipeline.papers.shared.studies.study import Shown, Stage, Study, Tables
+from mlsroad_pipeline.papers.shared.studies import study as studies
 from mlsroad_pipeline.reporting.clouds.cloud_figures import cloud_figure, labelling_pictures
 from mlsroad_pipeline.reporting.clouds.view import birds_eye_view, oblique_view
 from mlsroad_pipeline.reporting.html.report import build_report, facts_section, figures_section
@@ -41,16 +40,16 @@ _FIGURES = {
 }
 
 
-def study_figures(tables: Tables) -> tuple[Figure, ...]:
+def study_figures(tables: studies.Tables) -> tuple[Figure, ...]:
     """Draw the figures in the order of `CAPTIONS`."""
     shown = shown_rows(tables["benchmark"])
     names = shown["method"] + ", " + shown["protocol"]
     wide = shown.assign(run=names).pivot(index="source", columns="run", values="mean_iou")
     wide = wide.reindex(index=list(dict.fromkeys(shown["source"])), columns=list(dict.fromkeys(names)))
-    figure, (axes,) = draw_panels(1, width=13, height=4.2)
-    draw_bars(axes, list(wide.index), {str(run): wide[run].to_numpy() for run in wide.columns})
-    name_axes(axes, y="Mean IoU", unit_range="y")
-    legend_below(figure, axes, 4)
+    figure, (axes,) = studies.draw_panels(1, width=13, height=4.2)
+    studies.draw_bars(axes, list(wide.index), {str(run): wide[run].to_numpy() for run in wide.columns})
+    studies.name_axes(axes, y="Mean IoU", unit_range="y")
+    studies.legend_below(figure, axes, 4)
     return (figure,)
 
 
@@ -59,7 +58,7 @@ def study_facts(plan: stages.StudyPlan) -> dict[str, Any]:
     return {"class scheme": plan.scheme.name, "means": NOTE}
 
 
-def study_page(plan: stages.StudyPlan, tables: Tables) -> list[Shown]:
+def study_page(plan: stages.StudyPlan, tables: studies.Tables) -> list[studies.Shown]:
     """Return the tables of the page."""
     shown = shown_rows(tables["benchmark"])
     sources = pd.DataFrame(
@@ -69,10 +68,10 @@ def study_page(plan: stages.StudyPlan, tables: Tables) -> list[Shown]:
         ]
     )
     return [
-        Shown("Recordings", sources),
-        Shown("Mean IoU", mean_table(plan, shown).round(3)),
+        studies.Shown("Recordings", sources),
+        studies.Shown("Mean IoU", mean_table(plan, shown).round(3)),
         *(
-            Shown(source.title, _of_source(shown, name).round(3))
+            studies.Shown(source.title, _of_source(shown, name).round(3))
             for name, source in plan.sources.items()
             if name in set(shown["source"])
         ),
@@ -189,15 +188,15 @@ def summarise(plan: stages.StudyPlan, benchmark: pd.DataFrame) -> tuple[dict[str
     return summary(plan, benchmark), markdown_tables(plan, benchmark)
 
 
-STUDY = Study(
+STUDY = studies.Study(
     "recordings",
     "Labellers on recordings",
     parameters=("classes", *stages.STAGES, *methods_of("labelling")),
     plan=stages.plan_study,
     stages=[
-        Stage("read_recordings", stages.read_scenes, [], "scenes"),
-        Stage("prepare_recordings", stages.prepare_scenes, ["scenes"], "prepared"),
-        Stage("train_on_recordings", stages.train_models, ["prepared"], "models"),
+        studies.Stage("read_recordings", stages.read_scenes, [], "scenes"),
+        studies.Stage("prepare_recordings", stages.prepare_scenes, ["scenes"], "prepared"),
+        studies.Stage("train_on_recordings", stages.train_models, ["prepared"], "models"),
     ],
     results=["runs", "models"],
     tables=("scores", "benchmark", "reliability"),

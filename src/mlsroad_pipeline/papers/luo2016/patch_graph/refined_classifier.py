@@ -13,20 +13,13 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.papers.luo2016.patch_graph import refinement
 from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import (
     PatchGraphClassifier,
     PatchGraphParameters,
     class_probabilities,
     cut_scenes,
     match_patches,
-)
-from mlsroad_pipeline.papers.luo2016.patch_graph.refinement import (
-    CRITERIA,
-    GroundClasses,
-    RefinementParameters,
-    ValidationScene,
-    choose_parameters,
-    refine,
 )
 from mlsroad_pipeline.papers.shared.patches.table import Patches, edges_between
 from mlsroad_pipeline.papers.shared.patches.training import PatchTraining, bundle_model
@@ -44,7 +37,7 @@ def label_held_out(
     surveys: NDArray[np.int32] | None = None,
     n_folds: int = 3,
     n_threads: int = 1,
-) -> list[ValidationScene]:
+) -> list[refinement.ValidationScene]:
     """Label training scenes by matches in other training scenes.
 
     With two or more surveys, whole surveys are held out: the surveys of a fold are labelled by a graph of the other
@@ -55,7 +48,7 @@ def label_held_out(
     n_taken = min(len(pieces), max(1, round(len(pieces) * max_patches / len(whole))))
     drawn = pieces[np.unique(np.linspace(0, len(pieces) - 1, n_taken).round()).astype(np.int64)]
     fold = None if surveys is None else _folds(patches, whole.scene, surveys, n_folds, parameters.n_matches)
-    labelled: dict[int, ValidationScene] = {}
+    labelled: dict[int, refinement.ValidationScene] = {}
     if fold is None:
         for place in drawn.tolist():
             scene, inside = _piece(whole, edges, place)
@@ -65,7 +58,7 @@ def label_held_out(
                 n_threads=n_threads,
             )  # fmt: skip
             votes = class_probabilities(transfer.graph.labels[matched.matches], transfer.n_classes)
-            labelled[place] = ValidationScene(votes, scene.rgb, inside, scene.label, scene.positions)
+            labelled[place] = refinement.ValidationScene(votes, scene.rgb, inside, scene.label, scene.positions)
         return list(labelled.values())
     for number, rows in _held_out(fold):
         others = PatchGraphClassifier.fit(
@@ -79,7 +72,7 @@ def label_held_out(
         for place in np.intersect1d(whole.scene[rows], drawn).tolist():
             scene, inside = _piece(whole, edges, place)
             votes = others.predict_proba(scene, inside)
-            labelled[place] = ValidationScene(votes, scene.rgb, inside, scene.label, scene.positions)
+            labelled[place] = refinement.ValidationScene(votes, scene.rgb, inside, scene.label, scene.positions)
     return [labelled[place] for place in sorted(labelled)]
 
 
@@ -144,14 +137,16 @@ class GridParameters:
         for weight, decay, clique in product(self.smoothness, self.colour_decay, self.clique_weight):
             replace(self.base(), smoothness=weight, colour_decay=decay, clique_weight=clique)
         check_at_least(self.max_patches, 1, "patch_graph_mrf.max_patches")
-        if self.criterion not in CRITERIA:
-            raise ParameterError(f"patch_graph_mrf.criterion must be one of {list(CRITERIA)}, got {self.criterion!r}")
+        if self.criterion not in refinement.CRITERIA:
+            raise ParameterError(
+                f"patch_graph_mrf.criterion must be one of {list(refinement.CRITERIA)}, got {self.criterion!r}"
+            )
         if self.n_folds < 0 or self.n_folds == 1:
             raise ParameterError(f"patch_graph_mrf.n_folds must be 0 or at least 2, got {self.n_folds!r}")
 
-    def base(self) -> RefinementParameters:
+    def base(self) -> refinement.RefinementParameters:
         """Return the parameters of the field that are not searched for."""
-        return RefinementParameters(
+        return refinement.RefinementParameters(
             ground_penalty=self.ground_penalty, floor=self.floor, smooth_ground=self.smooth_ground,
             clique_truncation=self.clique_truncation, mast_radius=self.mast_radius,
         )  # fmt: skip
@@ -162,8 +157,8 @@ class RefinedPatchGraphClassifier:
     """Patch classifier by label transfer and a Markov random field."""
 
     transfer: PatchGraphClassifier
-    parameters: RefinementParameters
-    ground: GroundClasses
+    parameters: refinement.RefinementParameters
+    ground: refinement.GroundClasses
 
     def predict_proba(self, patches: Patches, edges: NDArray[np.int32]) -> NDArray[np.float64]:
         """Return the conditional class probabilities of the patches of one scene."""
@@ -174,7 +169,7 @@ class RefinedPatchGraphClassifier:
     ) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
         """Refine transferred probabilities of the patches of one scene."""
         colours = patches.rgb if self.transfer.graph.coloured else None
-        return refine(
+        return refinement.refine(
             probabilities, colours, edges, parameters=self.parameters, ground=self.ground, positions=patches.positions
         )
 
@@ -189,8 +184,8 @@ class RefinedPatchGraphClassifier:
         check_arrays(arrays, ("refinement", "ground"), "a refined patch graph")
         # Models of earlier versions have no cliques.
         smoothness, decay, penalty, floor, smooth_ground, *cliques = np.asarray(arrays["refinement"]).tolist()
-        parameters = RefinementParameters(smoothness, decay, penalty, floor, bool(smooth_ground), *cliques)
-        ground = GroundClasses(*np.asarray(arrays["ground"]).tolist())
+        parameters = refinement.RefinementParameters(smoothness, decay, penalty, floor, bool(smooth_ground), *cliques)
+        ground = refinement.GroundClasses(*np.asarray(arrays["ground"]).tolist())
         return cls(PatchGraphClassifier.from_arrays(arrays), parameters=parameters, ground=ground)
 
 
@@ -201,7 +196,7 @@ def refine_classifier(
     *,
     graph_parameters: PatchGraphParameters,
     grid: GridParameters,
-    ground: GroundClasses,
+    ground: refinement.GroundClasses,
     surveys: NDArray[np.int32] | None = None,
     n_threads: int = 1,
 ) -> tuple[RefinedPatchGraphClassifier, list[dict[str, float]]]:
@@ -210,17 +205,17 @@ def refine_classifier(
         transfer, patches, edges, parameters=graph_parameters, max_patches=grid.max_patches, surveys=surveys,
         n_folds=grid.n_folds, n_threads=n_threads,
     )  # fmt: skip
-    parameters, tried = choose_parameters(
+    parameters, tried = refinement.choose_parameters(
         scenes, smoothness=grid.smoothness, colour_decay=grid.colour_decay, clique_weight=grid.clique_weight,
         criterion=grid.criterion, base=grid.base(), ground=ground,
     )  # fmt: skip
     return RefinedPatchGraphClassifier(transfer, parameters=parameters, ground=ground), tried
 
 
-def ground_classes(scheme: ClassScheme) -> GroundClasses:
+def ground_classes(scheme: ClassScheme) -> refinement.GroundClasses:
     """Return the classes of grass and road in a scheme."""
     places = {member: place for place, members in enumerate(scheme.members) for member in members}
-    return GroundClasses(grass=places.get("grass", -1), road=places.get("road", -1))
+    return refinement.GroundClasses(grass=places.get("grass", -1), road=places.get("road", -1))
 
 
 def train_refinement(

@@ -23,9 +23,8 @@ from mlsroad_pipeline.algorithms.models.machines.class_balance import majority_l
 from mlsroad_pipeline.algorithms.models.machines.flat_forest import FlatForest
 from mlsroad_pipeline.algorithms.stages import inliers
 from mlsroad_pipeline.papers.luo2016.shape_based.cutting import CutParameters, describe_objects, segment_objects
-from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
+from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters, PatchStages, ScenePatches
 from mlsroad_pipeline.papers.shared.patches.labelling import label_patches, prepare_cloud
-from mlsroad_pipeline.papers.shared.patches.types import PatchStages, ScenePatches
 from mlsroad_pipeline.papers.shared.patches.voting import vote_on_points
 
 SLUG = "shape_based"

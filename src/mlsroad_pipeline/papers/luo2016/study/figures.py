@@ -10,9 +10,8 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.papers.luo2016.study.plan import StudyPlan
 from mlsroad_pipeline.papers.luo2016.study.runs import PRINTED, PRINTED_BASELINES, PRINTED_REFINED, REFINED
 from mlsroad_pipeline.papers.luo2016.study.scores import CLASSES, MEANS
-from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_lines, draw_panels, legend_below, name_axes
+from mlsroad_pipeline.papers.shared.studies import study as studies
 from mlsroad_pipeline.papers.shared.studies.streets import street_key
-from mlsroad_pipeline.papers.shared.studies.study import Tables, paper_table
 from mlsroad_pipeline.reporting.clouds.cloud_figures import INK, cloud_figure, labelling_pictures
 from mlsroad_pipeline.reporting.clouds.view import oblique_view
 from mlsroad_pipeline.reporting.figures import SERIES
@@ -33,7 +32,7 @@ STRETCH = 25.0
 
 
 def study_figures(
-    tables: Tables, plan: StudyPlan, streets: SceneCollection, runs: SceneCollection
+    tables: studies.Tables, plan: StudyPlan, streets: SceneCollection, runs: SceneCollection
 ) -> tuple[Figure, ...]:
     """Draw the figures in the order of `CAPTIONS`."""
     size = _lines(tables["patch_size"], "Patch size L, m", ("train_seconds",), "figure_7")
@@ -60,16 +59,16 @@ def _labelled(plan: StudyPlan, streets: SceneCollection, runs: SceneCollection) 
 
 
 def _methods(table: pd.DataFrame) -> Figure:
-    figure, (axes,) = draw_panels(1, width=11, height=4.2)
+    figure, (axes,) = studies.draw_panels(1, width=11, height=4.2)
     names = [*CLASSES, *MEANS]
     f1 = table[table["metric"] == "f1"]
     order = [method for method in dict.fromkeys(f1["method"]) if method not in PRINTED_BASELINES]
     wide = {column: f1.pivot(index="class", columns="method", values=column) for column in ("mean", "spread", "paper")}
     shown = {column: {slug: rows.reindex(names)[slug] for slug in order} for column, rows in wide.items()}
-    draw_bars(axes, names, shown["mean"], spread=shown["spread"], paper=shown["paper"])
+    studies.draw_bars(axes, names, shown["mean"], spread=shown["spread"], paper=shown["paper"])
     axes.tick_params("x", rotation=20)
-    name_axes(axes, y="F1 (diamonds: luo2016)", unit_range="y")
-    legend_below(figure, axes, len(order))
+    studies.name_axes(axes, y="F1 (diamonds: luo2016)", unit_range="y")
+    studies.legend_below(figure, axes, len(order))
     return figure
 
 
@@ -78,20 +77,20 @@ _LABELS = {"train_seconds": "Training, CPU s", "objective": "Objective (eq. 1)"}
 
 def _lines(table: pd.DataFrame, label: str, columns: Sequence[str], printed: str) -> Figure:
     """Draw F1 of the classes with the printed values of the paper as diamonds, and other columns."""
-    figure, panels = draw_panels(1 + len(columns), width=4.4)
+    figure, panels = studies.draw_panels(1 + len(columns), width=4.4)
     names = [*CLASSES, "mean of seven"]
-    draw_lines(panels[0], table["value"], {name: table[name] for name in names}, bold=("mean of seven",))
-    paper = paper_table("luo2016", printed)
+    studies.draw_lines(panels[0], table["value"], {name: table[name] for name in names}, bold=("mean of seven",))
+    paper = studies.paper_table("luo2016", printed)
     for value, name, f1 in paper.itertuples(index=False, name=None):
         colour = INK if name in MEANS else SERIES[names.index(name)]
         panels[0].plot(value, f1, "D", color="white", markeredgecolor=colour, markersize=4)
     known = [*table[names].min().dropna(), *paper["f1"]]
     lowest = np.floor(10 * min(known, default=0.0)) / 10
-    name_axes(panels[0], x=label, y="F1 (diamonds: luo2016)", unit_range="y", lowest=lowest)
+    studies.name_axes(panels[0], x=label, y="F1 (diamonds: luo2016)", unit_range="y", lowest=lowest)
     for axes, column in zip(panels[1:], columns, strict=True):
-        draw_lines(axes, table["value"], {column: table[column]})
-        name_axes(axes, x=label, y=_LABELS[column])
+        studies.draw_lines(axes, table["value"], {column: table[column]})
+        studies.name_axes(axes, x=label, y=_LABELS[column])
         if column == "train_seconds":
             axes.set_ylim(bottom=0)
-    legend_below(figure, panels[0], 4)
+    studies.legend_below(figure, panels[0], 4)
     return figure

@@ -25,8 +25,7 @@ from mlsroad_pipeline.papers.luo2016.study.runs import (
     train_and_score,
 )
 from mlsroad_pipeline.papers.luo2016.study.scores import repetition_scores
-from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
-from mlsroad_pipeline.papers.shared.patches.types import PatchStages
+from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters, PatchStages
 from mlsroad_pipeline.papers.shared.studies.parameters import ScaledStudy, changed, method_parameters
 from mlsroad_pipeline.papers.shared.studies.streets import street_key
 

@@ -19,11 +19,10 @@ from mlsroad_pipeline.papers.luo2016.patch_graph.classifier import PatchGraphCla
 from mlsroad_pipeline.papers.luo2016.patch_graph.refined_classifier import ground_classes, refine_classifier
 from mlsroad_pipeline.papers.luo2016.patch_svm.classifier import PatchSvm
 from mlsroad_pipeline.papers.luo2016.shape_based import labeller as shape_based
-from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
+from mlsroad_pipeline.papers.shared.patches.extraction import PatchLabels, PatchParameters, PatchStages, ScenePatches
 from mlsroad_pipeline.papers.shared.patches.labelling import build_patches, label_patches
 from mlsroad_pipeline.papers.shared.patches.table import Patches
 from mlsroad_pipeline.papers.shared.patches.training import join_training_scenes
-from mlsroad_pipeline.papers.shared.patches.types import PatchLabels, PatchStages, ScenePatches
 from mlsroad_pipeline.papers.shared.patches.voting import vote_on_points
 from mlsroad_pipeline.papers.shared.studies.streets import timed
 

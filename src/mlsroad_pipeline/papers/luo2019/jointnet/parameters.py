@@ -5,8 +5,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal, Self
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
-from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive
+from mlsroad_pipeline.algorithms.core.validation import check_at_least, check_positive, parse_groups
 
 VIEWS = ("hssi", "vqai", "vaai")
 """Views of an object: the three kinds of images of the paper."""

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
-from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.algorithms.core.validation import check_positive, parse_groups
 from mlsroad_pipeline.algorithms.metrics.instances import find_overlaps
 from mlsroad_pipeline.algorithms.segmentation.stage import (
     METHODS,
@@ -21,8 +20,12 @@ from mlsroad_pipeline.algorithms.segmentation.stage import (
     reference_objects,
     segment_scene,
 )
-from mlsroad_pipeline.papers.shared.recognition.cutting import RecognitionParameters, cut_objects
-from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectArrays, ObjectSet
+from mlsroad_pipeline.papers.shared.recognition.object_set import (
+    ObjectArrays,
+    ObjectSet,
+    RecognitionParameters,
+    cut_objects,
+)
 from mlsroad_pipeline.papers.shared.studies.parameters import from_fields, scale_values
 from mlsroad_pipeline.papers.shared.studies.streets import make_street
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters

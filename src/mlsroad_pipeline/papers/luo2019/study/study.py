@@ -16,7 +16,7 @@ from mlsroad_pipeline.papers.luo2019.study import plan as luo2019
 from mlsroad_pipeline.papers.luo2019.study.results import LEVELS, study_tables
 from mlsroad_pipeline.papers.luo2019.study.sets import SimulatedObjectsParameters
 from mlsroad_pipeline.papers.shared.recognition.object_set import find_folds, listed_files, read_fold
-from mlsroad_pipeline.papers.shared.studies import figures as drawing
+from mlsroad_pipeline.papers.shared.studies import study as drawing
 from mlsroad_pipeline.papers.shared.studies.parameters import method_parameters
 from mlsroad_pipeline.papers.shared.studies.study import Shown, Stage, Study, Tables
 

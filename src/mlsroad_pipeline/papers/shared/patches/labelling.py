@@ -1,7 +1,7 @@
 """Labelling of points by patch classifiers (Luo et al. 2016, section III).
 
-A method provides a class with `fit`, `predict_proba`, `to_arrays` and `from_arrays` (see `types.PatchClassifier`). This
-module and `models` provide the rest.
+A method provides a class with `fit`, `predict_proba`, `to_arrays` and `from_arrays` (see `extraction.PatchClassifier`).
+This module and `models` provide the rest.
 """
 
 import logging
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.core.labels import PointLabels, unlabelled
+from mlsroad_pipeline.algorithms.core.labels import PointLabels, core_labels, unlabelled
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import GroundParameters
 from mlsroad_pipeline.algorithms.core.stage_results import Ground
@@ -20,9 +20,14 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, missing_attri
 from mlsroad_pipeline.algorithms.models.machines.class_balance import majority_labels
 from mlsroad_pipeline.algorithms.scenes.corridor import CorridorArrays, corridor_from_arrays
 from mlsroad_pipeline.algorithms.stages import ground_of, inliers
-from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters, extract_patches
+from mlsroad_pipeline.papers.shared.patches.extraction import (
+    PatchClassifier,
+    PatchLabels,
+    PatchParameters,
+    ScenePatches,
+    extract_patches,
+)
 from mlsroad_pipeline.papers.shared.patches.table import Patches
-from mlsroad_pipeline.papers.shared.patches.types import PatchClassifier, PatchLabels, ScenePatches
 from mlsroad_pipeline.papers.shared.patches.voting import vote_on_points
 
 logger = logging.getLogger(__name__)
@@ -39,10 +44,8 @@ def label_patches(
     scene: PointCloud, patches: ScenePatches, scheme: ClassScheme, *, station: NDArray[np.float64] | None = None
 ) -> PatchLabels:
     """Assign to each patch the majority class of its labelled core points (Luo et al. 2016, section III-A)."""
-    labels = scheme.encode(scene["label"], source=scene.source)
-    core = scene.get("core")
-    owner = patches["patch_of_point"]
-    known = (labels != IGNORE) & (owner >= 0) & (True if core is None else core.astype(np.bool_))
+    labels, owner = core_labels(scene, scheme), patches["patch_of_point"]
+    known = (labels != IGNORE) & (owner >= 0)
     label = np.full(len(patches["height"]), IGNORE, np.int16)
     majority, _ = majority_labels(labels[known], owner[known], len(scheme))
     label[: len(majority)] = majority

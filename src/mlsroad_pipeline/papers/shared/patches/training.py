@@ -13,8 +13,8 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.core.validation import check_arrays
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
+from mlsroad_pipeline.papers.shared.patches.extraction import PatchClassifier, PatchLabels, PatchStages, ScenePatches
 from mlsroad_pipeline.papers.shared.patches.table import Patches, edges_between, join_patches
-from mlsroad_pipeline.papers.shared.patches.types import PatchClassifier, PatchLabels, PatchStages, ScenePatches
 
 logger = logging.getLogger(__name__)
 

@@ -15,6 +15,7 @@ from sklearn.tree import DecisionTreeClassifier
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError
+from mlsroad_pipeline.algorithms.core.labels import core_labels
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.core.stage_parameters import StageParameters
 from mlsroad_pipeline.algorithms.core.stage_results import SupervoxelPartition, SupervoxelTable
@@ -87,10 +88,7 @@ def training_rows(
     A supervoxel takes the majority class of its core points. Supervoxels without labelled core points are excluded.
     """
     keep = inliers(scene)
-    labels = scheme.encode(scene["label"], source=scene.source)
-    core = scene.get("core")
-    if core is not None:
-        labels = np.where(core, labels, np.int16(IGNORE))
+    labels = core_labels(scene, scheme)
     majority, _ = majority_labels(labels[keep], supervoxels["labels"][keep], len(scheme))
     rows = majority != IGNORE
     columns = np.array([name for name in _ATTRIBUTES if name in scene], dtype=np.str_)

@@ -1,9 +1,8 @@
 """Training of a PSPNet, and its optimiser Muon. Importing this module imports torch."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from typing import overload
 
 import numpy as np
 import torch
@@ -37,24 +36,13 @@ class Muon(torch.optim.Optimizer):
     ) -> None:
         super().__init__(kernels, {"lr": learning_rate, "momentum": momentum, "weight_decay": weight_decay})
 
-    @overload
-    def step(self, closure: None = None) -> None: ...
-
-    @overload
-    def step(self, closure: Callable[[], float]) -> float: ...
-
     @torch.no_grad()
-    def step(self, closure: Callable[[], float] | None = None) -> float | None:
+    def step(self) -> None:  # type: ignore[override]  # no line search
         """Update the kernels."""
-        loss = None
-        if closure is not None:
-            with torch.enable_grad():
-                loss = closure()
         for group in self.param_groups:
             for kernel in group["params"]:
                 if kernel.grad is not None:
                     self._change(kernel, kernel.grad, group["lr"], group["momentum"], group["weight_decay"])
-        return loss
 
     def _change(self, kernel: Tensor, gradient: Tensor, rate: float, momentum: float, decay: float) -> None:
         state = self.state[kernel]

@@ -8,8 +8,7 @@ from numbers import Real
 import numpy as np
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
-from mlsroad_pipeline.algorithms.core.validation import check_positive
+from mlsroad_pipeline.algorithms.core.validation import check_positive, parse_groups
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,7 @@ from mlsroad_pipeline.algorithms.core.classes import IGNORE
 from mlsroad_pipeline.algorithms.core.palette import class_palette
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.execution.collection import SceneCollection
-from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_panels, legend_below, name_axes
-from mlsroad_pipeline.papers.shared.studies.study import Tables
+from mlsroad_pipeline.papers.shared.studies.study import Tables, draw_bars, draw_panels, legend_below, name_axes
 from mlsroad_pipeline.papers.tomic2019.fusion.two_methods import best_labels
 from mlsroad_pipeline.papers.tomic2019.study.plan import PRINTED, StudyPlan
 from mlsroad_pipeline.papers.tomic2019.study.scores import FEATURES, IMAGES, POOL, RULE, method_name

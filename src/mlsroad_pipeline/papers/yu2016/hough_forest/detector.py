@@ -12,15 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
-from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least, check_positive, check_tested
+from mlsroad_pipeline.algorithms.core.validation import (
+    check_arrays,
+    check_at_least,
+    check_positive,
+    check_tested,
+    parse_groups,
+)
 from mlsroad_pipeline.algorithms.geometry.threads import run_in_chunks
+from mlsroad_pipeline.papers.shared.detection.detector import best_threshold
 from mlsroad_pipeline.papers.shared.detection.regions import (
     RegionParameters,
     descriptors_of,
     heights_of,
 )
-from mlsroad_pipeline.papers.shared.detection.thresholds import best_threshold
 from mlsroad_pipeline.papers.shared.detection.training import TrainingObjects
 from mlsroad_pipeline.papers.shared.detection.types import Description, object_bounds
 from mlsroad_pipeline.papers.yu2016.hough_forest._trees import grow_tree, vote

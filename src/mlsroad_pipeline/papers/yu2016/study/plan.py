@@ -12,20 +12,7 @@ from mlsroad_pipeline.execution.task import Deferred, SceneTask
 from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages
 from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters
 from mlsroad_pipeline.papers.shared.studies.parameters import changed, method_parameters
-from mlsroad_pipeline.papers.yu2016.study.parameters import (
-    FLOORED,
-    PRINTED,
-    SEGMENTATIONS,
-    WORDS,
-    StudyParameters,
-    StudyScale,
-    cut_of,
-    method_of,
-    model_key,
-    run_key,
-    setting_key,
-    street_key,
-)
+from mlsroad_pipeline.papers.yu2016.study import parameters as yu2016
 from mlsroad_pipeline.papers.yu2016.study.runs import DESCRIPTIONS, describe_street, segment_street, train_and_detect
 
 
@@ -49,21 +36,21 @@ class Description(NamedTuple):
 class StudyPlan:
     """Parameters of all stages of the study."""
 
-    study: StudyParameters  # streets and settings
+    study: yu2016.StudyParameters  # streets and settings
     detection: DetectionParameters  # classes to detect
     scheme: ClassScheme  # classes
     stages: DetectionStages  # ground filter and segmentation
     methods: Mapping[str, Any]  # detector to its parameters, changes of the scale included
 
     @property
-    def scale(self) -> StudyScale:
+    def scale(self) -> yu2016.StudyScale:
         """Return the scale that is run."""
         return self.study.chosen_scale()
 
     def surveys(self) -> dict[str, dict[str, Any]]:
         """Return the configuration of the simulated survey of every street."""
         return {
-            street_key(name, seed): survey.street(seed)
+            yu2016.street_key(name, seed): survey.street(seed)
             for name, survey in self.scale.surveys.items()
             for seed in (*survey.train, *survey.test)
         }
@@ -74,7 +61,7 @@ class StudyPlan:
         every = {name: changed(base, changes) for name, changes in self.scale.settings().items()}
         return {
             name: Setting(
-                described_by(self.scale.varied) if own.groups == base.groups else setting_key(name),
+                described_by(self.scale.varied) if own.groups == base.groups else yu2016.setting_key(name),
                 own,
                 next(other for other, parameters in every.items() if parameters == own),
             )
@@ -95,16 +82,16 @@ class StudyPlan:
 
     def cuts(self) -> dict[str, None]:
         """Return the segmentations whose objects are classified."""
-        return dict.fromkeys(cut_of(detector) for detector in self.scale.detectors)
+        return dict.fromkeys(yu2016.cut_of(detector) for detector in self.scale.detectors)
 
 
 def described_by(detector: str) -> str:
     """Return the name of the object descriptions of a detector."""
-    return method_of(detector)
+    return yu2016.method_of(detector)
 
 
 def plan_study(
-    study: StudyParameters,
+    study: yu2016.StudyParameters,
     classes: Mapping[str, Any],
     ground_removal: GroundParameters,
     segmentation: SegmentationParameters,
@@ -113,7 +100,7 @@ def plan_study(
 ) -> StudyPlan:
     """Return the plan with the changes of the scale."""
     own = method_parameters(methods, study.chosen_scale().methods)
-    own[FLOORED] = changed(own[PRINTED], {"vocabulary": {"floor": own[WORDS].vocabulary.floor}})
+    own[yu2016.FLOORED] = changed(own[yu2016.PRINTED], {"vocabulary": {"floor": own[yu2016.WORDS].vocabulary.floor}})
     scheme = find_scheme(classes["schemes"], detection.scheme)
     return StudyPlan(study, detection, scheme, DetectionStages(ground_removal, segmentation), own)
 
@@ -122,9 +109,9 @@ def _segment(plan: StudyPlan, streets: SceneCollection, method: str, splits: Seq
     points = streets.part("points")
     parameters = replace(plan.stages.segmentation, method=method)
     return {
-        f"{method}.{street_key(name, seed)}": SceneTask(
+        f"{method}.{yu2016.street_key(name, seed)}": SceneTask(
             segment_street,
-            {"points": points[street_key(name, seed)]},
+            {"points": points[yu2016.street_key(name, seed)]},
             {"parameters": parameters, "scheme": plan.scheme, "detection": plan.detection},
         )
         for name, survey in plan.scale.surveys.items()
@@ -144,7 +131,7 @@ def segment_surveys(plan: StudyPlan, streets: SceneCollection) -> dict[str, Scen
 def compare_segmentations(plan: StudyPlan, streets: SceneCollection) -> dict[str, SceneTask]:
     """Create one task per other segmentation and test street."""
     tasks: dict[str, SceneTask] = {}
-    for method in SEGMENTATIONS:
+    for method in yu2016.SEGMENTATIONS:
         if method not in plan.cuts():
             tasks |= _segment(plan, streets, method, ("test",))
     return tasks
@@ -155,10 +142,10 @@ def describe_surveys(plan: StudyPlan, streets: SceneCollection, segmented: Scene
     points, objects = streets.part("points"), segmented.part("objects")
     tasks = {}
     for name, description in plan.descriptions().items():
-        kind, cut = DESCRIPTIONS[method_of(description.detector)], cut_of(description.detector)
+        kind, cut = DESCRIPTIONS[yu2016.method_of(description.detector)], yu2016.cut_of(description.detector)
         for survey in description.surveys:
             own = plan.scale.surveys[survey]
-            for key in (street_key(survey, seed) for seed in (*own.train, *own.test)):
+            for key in (yu2016.street_key(survey, seed) for seed in (*own.train, *own.test)):
                 tasks[f"{name}.{key}"] = SceneTask(
                     describe_street,
                     {"points": points[key], "objects": objects[f"{cut}.{key}"]},
@@ -170,7 +157,7 @@ def describe_surveys(plan: StudyPlan, streets: SceneCollection, segmented: Scene
 def run_detectors(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTask]:
     """Create one task per detector and model that trains it and detects in the test streets of its surveys."""
     return {
-        model_key(name, surveys): _run(plan, described_by(name), surveys, stores, name, plan.methods[name])
+        yu2016.model_key(name, surveys): _run(plan, described_by(name), surveys, stores, name, plan.methods[name])
         for name in plan.scale.detectors
         for surveys in plan.scale.learned_together()
     }
@@ -180,7 +167,7 @@ def run_settings(plan: StudyPlan, *stores: SceneCollection) -> dict[str, SceneTa
     """Create one task per setting of Figure 12 that trains the visual words on the first survey."""
     survey = next(iter(plan.scale.surveys))
     return {
-        setting_key(name): _run(plan, setting.described, [survey], stores, plan.scale.varied, setting.parameters)
+        yu2016.setting_key(name): _run(plan, setting.described, [survey], stores, plan.scale.varied, setting.parameters)
         for name, setting in plan.settings().items()
         if setting.run == name
     }
@@ -195,7 +182,7 @@ def _run(
     parameters: Any,
 ) -> SceneTask:
     """Create the task of a detector; `stores` have the streets, their objects and the descriptions of these."""
-    cut = cut_of(detector)
+    cut = yu2016.cut_of(detector)
     stages = replace(plan.stages, segmentation=replace(plan.stages.segmentation, method=cut))
     simulated, segmented, descriptions = stores
     points, parts = simulated.part("points"), descriptions.part("parts")
@@ -206,23 +193,22 @@ def _run(
         streets: dict[str, Any] = {}
         for survey, configured in chosen.items():
             for seed in getattr(configured, split):
-                street = street_key(survey, seed)
+                street = yu2016.street_key(survey, seed)
                 own: dict[str, Any] = {"parts": parts[f"{described}.{street}"]}
                 if split == "train":
                     own["classes"] = classes[f"{cut}.{street}"]
                 else:
                     own["scene"] = Deferred((points[street], objects[f"{cut}.{street}"]))
-                streets[run_key(survey, seed)] = own
+                streets[yu2016.run_key(survey, seed)] = own
         return streets
 
     return SceneTask(
         train_and_detect,
         {"train": inputs("train"), "test": inputs("test")},
         {
-            "method": method_of(detector), "parameters": parameters, "stages": stages, "detection": plan.detection,
-            "scheme": plan.scheme, "prevalence": {name: survey.prevalence for name, survey in chosen.items()},
-            "rare": {
-                run_key(name, seed): survey.rare_weight for name, survey in chosen.items() for seed in survey.rare
-            },
+            "method": yu2016.method_of(detector), "parameters": parameters, "stages": stages,
+            "detection": plan.detection, "scheme": plan.scheme,
+            "prevalence": {name: survey.prevalence for name, survey in chosen.items()},
+            "rare": {yu2016.run_key(name, seed): own.rare_weight for name, own in chosen.items() for seed in own.rare},
         },
     )  # fmt: skip

@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.metrics.detection import DetectionCounts, count_detections, precision_recall_curve
-from mlsroad_pipeline.papers.shared.studies.figures import draw_bars, draw_curves, draw_panels, legend_below, name_axes
-from mlsroad_pipeline.papers.shared.studies.study import Tables, paired_interval, paper_table
+from mlsroad_pipeline.papers.shared.studies import study as studies
 from mlsroad_pipeline.papers.yu2016.study.parameters import SEGMENTATIONS
 from mlsroad_pipeline.papers.yu2016.study.runs import StreetDetections
 from mlsroad_pipeline.reporting.clouds.cloud_figures import INK
@@ -24,13 +23,13 @@ THREADS = 16
 
 def paper_speed() -> pd.DataFrame:
     """Return Table IV as points per second and thread."""
-    table = paper_table("yu2016", "table_4")
+    table = studies.paper_table("yu2016", "table_4")
     return table[["survey", "step"]].assign(paper=table["points"] / table["seconds"] / THREADS)
 
 
 def paper_cars() -> pd.DataFrame:
     """Return Table V as recall, precision and F-score."""
-    table = paper_table("yu2016", "table_5")
+    table = studies.paper_table("yu2016", "table_5")
     tp, fp, objects = table["tp"], table["fp"], table["objects"]
     return table[["survey", "method"]].assign(
         paper_recall=tp / objects, paper_precision=tp / (tp + fp), paper_f_score=2 * tp / (tp + fp + objects)
@@ -60,7 +59,7 @@ def table_two(streets: Mapping[str, Mapping[str, StreetDetections]], classes: Se
             total = joined([counts_of(street, chosen) for street in each.values()])
             rows.append((survey, name, total.tp + total.fn, total.tp, total.fp))
     table = pd.DataFrame(rows, columns=["survey", "class", "objects", "found", "false"])
-    return table.merge(paper_table("yu2016", "table_2"), on=["survey", "class"], how="left")
+    return table.merge(studies.paper_table("yu2016", "table_2"), on=["survey", "class"], how="left")
 
 
 def figures_by_survey(
@@ -102,7 +101,7 @@ def paired_differences(
     for method in streets:
         if method == reference:
             continue
-        rows.append((method, *paired_interval(f_scores(method) - first, confidence)))
+        rows.append((method, *studies.paired_interval(f_scores(method) - first, confidence)))
     return pd.DataFrame(rows, columns=["method", "difference", "low", "high", "streets"])
 
 
@@ -153,14 +152,14 @@ CAPTIONS = {
 _PANELS = {"pattern": "Feature regions (a)", "words_per_group": "Words per group (b)", "k": "Neighbours k (c)"}
 
 
-def study_figures(tables: Tables) -> tuple[Figure, ...]:
+def study_figures(tables: studies.Tables) -> tuple[Figure, ...]:
     """Draw the figures in the order of `CAPTIONS`."""
     return _coverage(tables["segmentation"]), _curves(tables["curves"])
 
 
 def _coverage(table: pd.DataFrame) -> Figure:
     surveys = list(dict.fromkeys(table["survey"]))
-    figure, panels = draw_panels(len(surveys), width=4.8, sharey=True)
+    figure, panels = studies.draw_panels(len(surveys), width=4.8, sharey=True)
     names = {
         "weighted_coverage": "weighted coverage",
         "coverage": "coverage",
@@ -170,21 +169,21 @@ def _coverage(table: pd.DataFrame) -> Figure:
         rows = table[table["survey"] == survey].set_index("method").reindex(SEGMENTATIONS)
         values = {method: rows.loc[method, list(names)] for method in SEGMENTATIONS}
         spread = {method: rows.loc[method, [f"{name}_spread" for name in names]] for method in SEGMENTATIONS}
-        draw_bars(axes, list(names.values()), values, spread=spread)
-        name_axes(axes, title=survey, unit_range="y")
-    legend_below(figure, panels[0], 3)
+        studies.draw_bars(axes, list(names.values()), values, spread=spread)
+        studies.name_axes(axes, title=survey, unit_range="y")
+    studies.legend_below(figure, panels[0], 3)
     return figure
 
 
 def _curves(curves: pd.DataFrame) -> Figure:
-    figure, panels = draw_panels(len(_PANELS), sharey=True)
+    figure, panels = studies.draw_panels(len(_PANELS), sharey=True)
     for axes, (parameter, title) in zip(panels, _PANELS.items(), strict=True):
         mine = curves[curves["parameter"] == parameter] if len(curves) else curves
         settings = dict(iter(mine.groupby("setting", sort=False))) if len(mine) else {}
-        draw_curves(axes, {str(name): (one["recall"], one["precision"]) for name, one in settings.items()})
+        studies.draw_curves(axes, {str(name): (one["recall"], one["precision"]) for name, one in settings.items()})
         for k, one in enumerate(settings.values()):
             here = one[one["threshold"] >= 1.0].tail(1)
             axes.plot(here["recall"], here["precision"], "o", color=SERIES[k % len(SERIES)], markersize=4)
-        name_axes(axes, x="Recall", title=title, unit_range="xy")
+        studies.name_axes(axes, x="Recall", title=title, unit_range="xy")
     panels[0].set_ylabel("Precision (dots: chosen thresholds)", fontsize=9, color=INK)
     return figure

@@ -11,21 +11,11 @@ from mlsroad_pipeline.execution.task import SceneTask
 from mlsroad_pipeline.papers.shared.detection.scoring import detection_table
 from mlsroad_pipeline.papers.shared.studies.streets import street_tasks
 from mlsroad_pipeline.papers.shared.studies.study import Shown, Stage, Study, Tables, mean_and_spread, paper_table
+from mlsroad_pipeline.papers.yu2016.study import parameters as study
 from mlsroad_pipeline.papers.yu2016.study import plan as stages
 from mlsroad_pipeline.papers.yu2016.study import scores as yu2016
-from mlsroad_pipeline.papers.yu2016.study.parameters import (
-    CUT,
-    METHODS_OF_STUDY,
-    SEGMENTATIONS,
-    WORDS,
-    detector_of_model,
-    run_key,
-    setting_key,
-    street_key,
-)
-from mlsroad_pipeline.papers.yu2016.study.runs import SegmentationScores, StreetDetections
+from mlsroad_pipeline.papers.yu2016.study.runs import SegmentationScores, StreetDetections, make_survey
 from mlsroad_pipeline.papers.yu2016.study.scores import CAPTIONS, study_figures
-from mlsroad_pipeline.papers.yu2016.study.streets import make_survey
 
 Facts = Mapping[str, Mapping[str, NDArray]]
 """Key of a street, or ``<description>.<street>``, to the facts of `make_survey` or `describe_street`."""
@@ -45,7 +35,7 @@ def found_by_detector(models: Mapping[str, Mapping[str, Any]]) -> dict[str, dict
     """Join the detections of the models of each detector: detector to street to detections."""
     joined: dict[str, dict[str, StreetDetections]] = {}
     for key, streets in models.items():
-        own = joined.setdefault(detector_of_model(key), {})
+        own = joined.setdefault(study.detector_of_model(key), {})
         own |= {street: result for street, result in streets.items() if street != "facts"}
     return joined
 
@@ -56,7 +46,7 @@ def study_tables(plan: stages.StudyPlan, *stores: SceneCollection) -> dict[str, 
     streets, described = simulated.load_all("facts"), descriptions.load_all("facts")
     segmented = {**compared.load_all("scores"), **objects.load_all("scores")}
     models, stored = trained.load_all(), tried.load_all()
-    settings = {name: stored[setting_key(setting.run)] for name, setting in plan.settings().items()}
+    settings = {name: stored[study.setting_key(setting.run)] for name, setting in plan.settings().items()}
     runs = found_by_detector(models)
     classes = list(plan.detection.classes)
     every = range(len(classes))
@@ -65,9 +55,9 @@ def study_tables(plan: stages.StudyPlan, *stores: SceneCollection) -> dict[str, 
         method: {survey: _tests(plan, runs[method], survey) for survey in plan.scale.surveys}
         for method in plan.scale.detectors
     }
-    words = [method for method in counted if method.startswith(WORDS)]
+    words = [method for method in counted if method.startswith(study.WORDS)]
     differences = [
-        yu2016.paired_differences(counted, chosen, reference=WORDS).assign(classes=name)
+        yu2016.paired_differences(counted, chosen, reference=study.WORDS).assign(classes=name)
         for name, chosen in (("car", cars), ("all", list(every)))
     ]
     figure_12, curves = yu2016.sensitivity_table(
@@ -115,7 +105,7 @@ def _setup(plan: stages.StudyPlan, streets: Facts) -> pd.DataFrame:
     rows = []
     for name, survey in plan.scale.surveys.items():
         for split in ("train", "test"):
-            facts = [streets[street_key(name, seed)] for seed in getattr(survey, split)]
+            facts = [streets[study.street_key(name, seed)] for seed in getattr(survey, split)]
             points, left_out = (sum(int(each[key]) for each in facts) for key in ("points", "streaks"))
             rows.append((name, split, len(facts), points, left_out))
     return pd.DataFrame(rows, columns=["survey", "split", "streets", "points", "cars_left_out"])
@@ -133,13 +123,13 @@ def _training(classes: Sequence[str], models: Mapping[str, Mapping[str, Any]]) -
 def _cars_of_paper(words: Sequence[str]) -> pd.DataFrame:
     """Return the paper's Table V, with the rows of the visual words for each of their variants."""
     table = yu2016.paper_cars()
-    own = table[table["method"] == WORDS]
-    return pd.concat([table[table["method"] != WORDS], *(own.assign(method=method) for method in words)])
+    own = table[table["method"] == study.WORDS]
+    return pd.concat([table[table["method"] != study.WORDS], *(own.assign(method=method) for method in words)])
 
 
 def _tests(plan: stages.StudyPlan, run: Mapping[str, StreetDetections], survey: str) -> dict[str, StreetDetections]:
     """Return the detections of a run in the test streets of a survey."""
-    return {key: run[key] for key in (run_key(survey, seed) for seed in plan.scale.surveys[survey].test)}
+    return {key: run[key] for key in (study.run_key(survey, seed) for seed in plan.scale.surveys[survey].test)}
 
 
 def _wide(figures: pd.DataFrame) -> pd.DataFrame:
@@ -152,9 +142,11 @@ def _wide(figures: pd.DataFrame) -> pd.DataFrame:
 
 def _segmentation(plan: stages.StudyPlan, segmented: Segmentations) -> pd.DataFrame:
     """Return the scores of the segmentations over test streets, in the order of the paper."""
-    tests = sorted((street_key(name, seed), name) for name, each in plan.scale.surveys.items() for seed in each.test)
+    tests = sorted(
+        (study.street_key(name, seed), name) for name, each in plan.scale.surveys.items() for seed in each.test
+    )
     rows = []
-    for method in SEGMENTATIONS:
+    for method in study.SEGMENTATIONS:
         for key, survey in tests:
             figures = cast(Mapping[str, NDArray], segmented[f"{method}.{key}"])
             values = {name: float(figures[name]) for name in SEGMENTATION_FIGURES}
@@ -168,13 +160,13 @@ def _times(
     """Make Table IV: CPU seconds of each step over the test streets, and points per second and thread."""
     rows = []
     for survey, configured in plan.scale.surveys.items():
-        keys = [street_key(survey, seed) for seed in configured.test]
+        keys = [study.street_key(survey, seed) for seed in configured.test]
         points = sum(int(streets[key]["points"]) for key in keys)
         steps = {
             "ground removal": sum(float(streets[key]["seconds"]) for key in keys),
-            "segmentation": sum(float(segmented[f"{CUT}.{key}"]["seconds"]) for key in keys),
-            "quantisation": sum(float(described[f"{WORDS}.{key}"]["seconds"]) for key in keys),
-            "detection": sum(float(one["seconds"]) for one in _tests(plan, runs[WORDS], survey).values()),
+            "segmentation": sum(float(segmented[f"{study.CUT}.{key}"]["seconds"]) for key in keys),
+            "quantisation": sum(float(described[f"{study.WORDS}.{key}"]["seconds"]) for key in keys),
+            "detection": sum(float(one["seconds"]) for one in _tests(plan, runs[study.WORDS], survey).values()),
         }
         steps["all"] = sum(steps.values())
         rows += [(survey, step, seconds, points / max(seconds, 1e-9)) for step, seconds in steps.items()]
@@ -219,7 +211,7 @@ _STORES = ["streets", "objects", "described"]
 STUDY = Study(
     "yu2016",
     "Yu et al. 2016 on simulated streets",
-    parameters=("classes", "ground_removal", "segmentation", "detection", *METHODS_OF_STUDY),
+    parameters=("classes", "ground_removal", "segmentation", "detection", *study.METHODS_OF_STUDY),
     plan=stages.plan_study,
     stages=[
         Stage("make_yu2016_streets", make_surveys, [], "streets"),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from mlsroad_pipeline.algorithms.core.classes import IGNORE
-from mlsroad_pipeline.algorithms.core.parameter_groups import parse_groups
+from mlsroad_pipeline.algorithms.core.validation import parse_groups
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, arrays_under
 from mlsroad_pipeline.papers.shared.detection.detector import GEOMETRY, WITH_INTENSITY
 from mlsroad_pipeline.papers.shared.detection.regions import RegionParameters
