@@ -47,9 +47,8 @@ def barrier_cells(
         return empty_table(dict.fromkeys(CELL_COLUMNS, "float64"))
     rows = rows[first_in_cells(xyz[rows], _VOXEL)]
     x, y, z = xyz[rows].astype(np.float64).T
-    cell, count = np.unique(np.floor(np.column_stack([x, y]) / _CELL), axis=0, return_inverse=True, return_counts=True)[
-        1:
-    ]
+    place = np.floor(np.column_stack([x, y]) / _CELL)
+    _, cell, count = np.unique(place, axis=0, return_inverse=True, return_counts=True)
     cell = cell.ravel()
     low, high = np.full(len(count), np.inf), np.full(len(count), -np.inf)
     np.minimum.at(low, cell, z)
