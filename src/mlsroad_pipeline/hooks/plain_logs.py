@@ -18,11 +18,13 @@ TYPE_HINTS = "Add type hints to the `predict` method"
 """MLflow warns of a class of kedro-mlflow at its import; its own filters replace those of the process meanwhile."""
 RESOLVERS = r"register_new_resolver\(\) is deprecated"
 """OmegaConf 2.4 warns of a call of Kedro 1.7 and kedro-mlflow 2.0 in every session."""
+NO_SYSTEM = ".*crs.* was not provided"
+"""pyogrio warns of layers without a system; filters around the call are lost where Numba compiles in another thread."""
 
 
 def silence() -> None:
-    """Drop the warnings above, which precede the first hook; all others are shown as before."""
-    for message in (DOTS, RESOLVERS):
+    """Drop the warnings above, most of which precede the first hook; all others are shown as before."""
+    for message in (DOTS, RESOLVERS, NO_SYSTEM):
         warnings.filterwarnings("ignore", message=message, category=UserWarning)
     show = warnings.showwarning
 
