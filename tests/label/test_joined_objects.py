@@ -28,3 +28,12 @@ def test_scenes_stay_in_memory_up_to_a_limit(monkeypatch, limit, reads):
             assert scene.fragments is fragments[i].table and scene.evidence is evidence[i].table
     assert [table.reads for table in fragments] == [table.reads for table in objects] == reads
     assert [table.reads for table in evidence] == reads
+
+
+def test_files_of_two_passes_have_different_numbers():
+    stored = [Counted(f"survey.{name}.scene_00000", 0) for name in ("north", "south")]
+    for result in stored:
+        result.table = pd.DataFrame({"file": [0, 1]})
+    north, south = joined_objects._sightings(stored, ["survey.north", "survey.south"])
+    assert [north.scene, south.scene] == [result.key for result in stored]
+    assert len({*north.table["file"], *south.table["file"]}) == 4

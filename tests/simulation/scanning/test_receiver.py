@@ -11,7 +11,7 @@ from mlsroad_pipeline.simulation.parameters.devices import Device, ScannerSystem
 from mlsroad_pipeline.simulation.rays.scene import RayScene, build_static, triangle_soup
 from mlsroad_pipeline.simulation.rays.surfaces import WET
 from mlsroad_pipeline.simulation.scanning.amplitudes import FULL_SCALE_DB, amplitude_of, backscatter, range_deviation
-from mlsroad_pipeline.simulation.scanning.receiver import GHOST, receive
+from mlsroad_pipeline.simulation.scanning.receiver import GHOST, _tilted, receive
 from mlsroad_pipeline.simulation.scanning.scanner import Pulses
 from mlsroad_pipeline.simulation.street.ground_mesh import ground_mesh
 from mlsroad_pipeline.simulation.street.street import draw_street
@@ -181,3 +181,14 @@ def test_ground_scatters_back_as_oren_and_nayar_say():
     assert rough - smooth == pytest.approx(10 * np.log10(2.75), abs=0.1)
     # A white surface at normal incidence, 10 m away, is the reference, apart from the near field.
     assert amplitude_of(1.0, DIFFUSE, 1.0, 10.0) == pytest.approx(38.0 - 10 * np.log10(1.16))
+
+
+def test_tilted_rays_lie_at_their_angle_around_the_axis(rng):
+    rays, chance = rng.normal(size=(2000, 6)).astype(np.float32), rng.random((2000, 2), dtype=np.float32)
+    rays[:, 3:] /= np.linalg.norm(rays[:, 3:], axis=1, keepdims=True)
+    assert (np.abs(rays[:, 5]) > 0.9).sum() > 50  # steep ones have other axes
+    found = _tilted(rays, np.arange(2000), chance, 0.01)
+    across = (found - rays)[:, 3:].astype(np.float64)
+    np.testing.assert_array_equal(found[:, :3], rays[:, :3])
+    np.testing.assert_allclose((across * rays[:, 3:]).sum(axis=1), 0, atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(across, axis=1), 0.01 * np.sqrt(0.25 + 0.75 * chance[:, 1]), atol=1e-6)
