@@ -16,6 +16,7 @@ from helpers.conf import CONF, from_command_line
 from helpers.documented import documented_commands
 from helpers.wiring import REPOSITORY, make_project
 from helpers.yaml_files import read_yaml
+from kedro.framework.project import configure_project
 
 from mlsroad_pipeline import cli
 from mlsroad_pipeline.commands.app import app
@@ -55,6 +56,7 @@ def test_the_manual_gives_commands_of_both_programs():
 
 @pytest.mark.parametrize("command", [c for c in COMMANDS if c.arguments[:2] == ("kedro", "run")], ids=ids)
 def test_kedro_commands_have_known_options_pipelines_environments_and_parameters(command, base, monkeypatch):
+    configure_project("mlsroad_pipeline")  # as `kedro` does
     monkeypatch.setattr(loader, "check_environment", lambda *_: None)  # those of the user are no folders here
     options = [option.removesuffix(",...") for option in command.arguments[2:]]
     assert not {"-p", "--pipeline", "--async"} & {option.partition("=")[0] for option in options}
