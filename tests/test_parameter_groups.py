@@ -26,7 +26,7 @@ from mlsroad_pipeline.papers.luo2019.study.plan import StudyParameters as Luo201
 from mlsroad_pipeline.papers.luo2019.study.sets import SimulatedObjectsParameters
 from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters
 from mlsroad_pipeline.papers.shared.patches.extraction import PatchParameters
-from mlsroad_pipeline.papers.shared.recognition.object_set import RecognitionParameters
+from mlsroad_pipeline.papers.shared.recognition.cutting import RecognitionParameters
 from mlsroad_pipeline.papers.tomic2019.image_labels.training_parameters import TrainingParameters
 from mlsroad_pipeline.papers.tomic2019.study.plan import StudyParameters as Tomic2019StudyParameters
 from mlsroad_pipeline.papers.yu2016.study.parameters import StudyParameters as Yu2016StudyParameters

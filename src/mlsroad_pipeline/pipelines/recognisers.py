@@ -15,7 +15,7 @@ from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, scene_tasks
 from mlsroad_pipeline.model_store.bundle_files import ModelFile
 from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages
-from mlsroad_pipeline.papers.shared.recognition.object_set import RecognitionParameters
+from mlsroad_pipeline.papers.shared.recognition.cutting import RecognitionParameters
 from mlsroad_pipeline.papers.shared.recognition.recogniser import recognise_objects, train_and_recognise
 from mlsroad_pipeline.pipelines.per_scene import MODEL, fix_arguments, named_node
 from mlsroad_pipeline.surveys.parameters import SurveyParameters

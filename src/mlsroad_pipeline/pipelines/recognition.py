@@ -10,13 +10,8 @@ from matplotlib.figure import Figure
 from mlsroad_pipeline.algorithms.models.methods import methods_of
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.execution.task import SceneTask, SourceFile
-from mlsroad_pipeline.papers.shared.recognition.object_set import (
-    RecognitionParameters,
-    cut_objects,
-    find_folds,
-    listed_files,
-    read_fold,
-)
+from mlsroad_pipeline.papers.shared.recognition.cutting import RecognitionParameters, cut_objects
+from mlsroad_pipeline.papers.shared.recognition.object_set import find_folds, listed_files, read_fold
 from mlsroad_pipeline.papers.shared.recognition.recogniser import score_recognitions
 from mlsroad_pipeline.pipelines.compare import compare_methods
 from mlsroad_pipeline.pipelines.per_scene import fix_arguments, named_node, scene_node

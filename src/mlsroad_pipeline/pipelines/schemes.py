@@ -5,7 +5,7 @@ from typing import Any
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme, find_scheme
 from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters
-from mlsroad_pipeline.papers.shared.recognition.object_set import RecognitionParameters
+from mlsroad_pipeline.papers.shared.recognition.cutting import RecognitionParameters
 from mlsroad_pipeline.surveys.parameters import SurveyParameters
 
 

@@ -19,11 +19,6 @@ from mlsroad_pipeline.algorithms.segmentation.stage import (
     segment_scene,
     segmentation_table,
 )
-from mlsroad_pipeline.papers.shared.detection.detector import (
-    best_threshold,
-    detect_by_thresholds,
-    object_weights,
-)
 from mlsroad_pipeline.papers.shared.detection.scoring import (
     FALSE,
     MISSED,
@@ -37,6 +32,7 @@ from mlsroad_pipeline.papers.shared.detection.scoring import (
     wanted_objects,
     without_reference,
 )
+from mlsroad_pipeline.papers.shared.detection.thresholds import best_threshold, detect_by_thresholds, object_weights
 from mlsroad_pipeline.papers.shared.detection.training import training_weights
 from mlsroad_pipeline.papers.shared.figures import detection_figure
 

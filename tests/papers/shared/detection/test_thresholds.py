@@ -5,7 +5,7 @@ import pytest
 from references.words import planted
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.papers.shared.detection.detector import best_threshold
+from mlsroad_pipeline.papers.shared.detection.thresholds import best_threshold
 from mlsroad_pipeline.papers.yu2016.visual_words.detector import VisualWordsDetector
 from mlsroad_pipeline.papers.yu2016.visual_words.queries import DetectorParameters
 

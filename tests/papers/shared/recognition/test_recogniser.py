@@ -12,7 +12,7 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.labelling import label_cloud
 from mlsroad_pipeline.model_store.bundle_files import load_bundle, save_bundle
 from mlsroad_pipeline.papers.luo2019.jointnet.parameters import JointNetParameters
-from mlsroad_pipeline.papers.shared.recognition import object_set as recognition_objects
+from mlsroad_pipeline.papers.shared.recognition import cutting as recognition_objects
 from mlsroad_pipeline.papers.shared.recognition import recogniser as recognisers
 from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectSet
 from mlsroad_pipeline.papers.shared.recognition.recogniser import score_recognitions

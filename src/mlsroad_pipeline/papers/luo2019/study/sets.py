@@ -20,12 +20,8 @@ from mlsroad_pipeline.algorithms.segmentation.stage import (
     reference_objects,
     segment_scene,
 )
-from mlsroad_pipeline.papers.shared.recognition.object_set import (
-    ObjectArrays,
-    ObjectSet,
-    RecognitionParameters,
-    cut_objects,
-)
+from mlsroad_pipeline.papers.shared.recognition.cutting import RecognitionParameters, cut_objects
+from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectArrays, ObjectSet
 from mlsroad_pipeline.papers.shared.studies.parameters import from_fields, scale_values
 from mlsroad_pipeline.papers.shared.studies.streets import make_street
 from mlsroad_pipeline.simulation.parameters.presets import SimulationParameters

@@ -14,8 +14,9 @@ from mlsroad_pipeline.algorithms.core.classes import IGNORE, ClassScheme
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS
-from mlsroad_pipeline.papers.shared.detection.detector import GEOMETRY, WITH_INTENSITY, DetectionStages, object_weights
+from mlsroad_pipeline.papers.shared.detection.detector import GEOMETRY, WITH_INTENSITY, DetectionStages
 from mlsroad_pipeline.papers.shared.detection.scoring import DetectionParameters, ObjectClasses
+from mlsroad_pipeline.papers.shared.detection.thresholds import object_weights
 from mlsroad_pipeline.papers.shared.detection.types import Description, object_bounds
 
 

@@ -22,13 +22,12 @@ from mlsroad_pipeline.algorithms.models.bundle import ModelBundle
 from mlsroad_pipeline.algorithms.models.methods import METHODS, Method, methods_of
 from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages, label_detected_objects
 from mlsroad_pipeline.papers.shared.detection.types import ObjectLabels, Segments
-from mlsroad_pipeline.papers.shared.recognition.object_set import (
-    ObjectArrays,
-    ObjectSet,
+from mlsroad_pipeline.papers.shared.recognition.cutting import (
     RecognitionParameters,
     objects_of_segments,
     training_objects,
 )
+from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectArrays, ObjectSet
 
 logger = logging.getLogger(__name__)
 

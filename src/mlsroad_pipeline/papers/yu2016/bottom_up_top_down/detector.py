@@ -14,8 +14,8 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least, check_positive, parse_groups
 from mlsroad_pipeline.algorithms.features.gaussian_image import align_gaussian_images, compute_gaussian_images
 from mlsroad_pipeline.algorithms.geometry.threads import run_in_chunks
-from mlsroad_pipeline.papers.shared.detection.detector import best_threshold, choose_queries
 from mlsroad_pipeline.papers.shared.detection.regions import relative_centres
+from mlsroad_pipeline.papers.shared.detection.thresholds import best_threshold, choose_queries
 from mlsroad_pipeline.papers.shared.detection.training import (
     TrainingObjects,
     sample_objects,

@@ -20,12 +20,12 @@ from mlsroad_pipeline.algorithms.core.validation import (
     parse_groups,
 )
 from mlsroad_pipeline.algorithms.geometry.threads import run_in_chunks
-from mlsroad_pipeline.papers.shared.detection.detector import best_threshold
 from mlsroad_pipeline.papers.shared.detection.regions import (
     RegionParameters,
     descriptors_of,
     heights_of,
 )
+from mlsroad_pipeline.papers.shared.detection.thresholds import best_threshold
 from mlsroad_pipeline.papers.shared.detection.training import TrainingObjects
 from mlsroad_pipeline.papers.shared.detection.types import Description, object_bounds
 from mlsroad_pipeline.papers.yu2016.hough_forest._trees import grow_tree, vote

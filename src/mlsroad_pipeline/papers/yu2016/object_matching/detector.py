@@ -16,12 +16,12 @@ from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.validation import check_arrays, check_at_least, check_positive, parse_groups
 from mlsroad_pipeline.algorithms.geometry.neighbors import nearest_neighbors
 from mlsroad_pipeline.algorithms.geometry.threads import run_in_chunks
-from mlsroad_pipeline.papers.shared.detection.detector import best_threshold, choose_queries
 from mlsroad_pipeline.papers.shared.detection.regions import (
     RegionParameters,
     descriptors_of,
     relative_centres,
 )
+from mlsroad_pipeline.papers.shared.detection.thresholds import best_threshold, choose_queries
 from mlsroad_pipeline.papers.shared.detection.training import TrainingObjects, select_objects
 from mlsroad_pipeline.papers.shared.detection.types import Description, object_bounds
 

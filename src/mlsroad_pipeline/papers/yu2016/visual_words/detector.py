@@ -14,7 +14,7 @@ from scipy.sparse import csr_array
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_column
 from mlsroad_pipeline.algorithms.models.bundle import arrays_under
-from mlsroad_pipeline.papers.shared.detection.detector import best_threshold, choose_queries, detect_by_thresholds
+from mlsroad_pipeline.papers.shared.detection.thresholds import best_threshold, choose_queries, detect_by_thresholds
 from mlsroad_pipeline.papers.yu2016.visual_words.appearance import (
     Appearance,
     appearance_of,
