@@ -8,7 +8,7 @@ from mlsroad_pipeline.algorithms.segmentation.stage import SegmentationParameter
 from mlsroad_pipeline.papers.luo2019.jointnet.parameters import JointNetParameters
 from mlsroad_pipeline.papers.luo2019.pointnet.parameters import PointNetParameters
 from mlsroad_pipeline.papers.shared.detection.detector import DetectionStages
-from mlsroad_pipeline.papers.shared.recognition import object_set as recognition_objects
+from mlsroad_pipeline.papers.shared.recognition import cutting as recognition_objects
 from mlsroad_pipeline.papers.shared.recognition import recogniser as recognisers
 from mlsroad_pipeline.papers.shared.recognition.descriptor_machine import DescriptorParameters
 from mlsroad_pipeline.papers.shared.recognition.object_set import ObjectSet
