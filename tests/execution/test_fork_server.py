@@ -130,4 +130,6 @@ with beside(lambda: 1 / 0):
 def test_a_function_runs_in_a_process_beside_the_server_which_waits_for_it(tmp_path):
     command = [sys.executable, "-c", BESIDE, str(tmp_path / "pid")]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
-    assert (done.stdout.split(), done.stderr, done.returncode) == (["True"], "", 0)
+    assert (done.stdout.split(), done.returncode) == (["True"], 0)
+    assert done.stderr.count("Traceback") == 1
+    assert done.stderr.endswith("ZeroDivisionError: division by zero\n")

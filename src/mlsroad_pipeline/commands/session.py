@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.execution.optional_imports import without
 
 if TYPE_CHECKING:
     from kedro.framework.context import KedroContext
@@ -77,8 +76,7 @@ class Run(NamedTuple):
 def configure(place: Place) -> None:
     """Configure the logging and Kedro for the package; Kedro configures the logging when it is imported."""
     os.environ.setdefault("KEDRO_LOGGING_CONFIG", str(Path(place.configuration) / "logging.yml"))
-    with without("flask"):
-        from kedro.framework.project import configure_project
+    from kedro.framework.project import configure_project
 
     configure_project(PACKAGE)
 

@@ -16,6 +16,7 @@ import socket
 import sys
 import tempfile
 import threading
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from importlib.machinery import ModuleSpec
@@ -85,6 +86,8 @@ def beside(function: Callable[[], object]) -> Iterator[None]:
             ctypes.CDLL(None).prctl(_END_WITH_PARENT, signal.SIGKILL)
             if os.getppid() == server:
                 function()
+        except Exception:  # the process ends before Python would print it
+            traceback.print_exc()
         finally:
             os._exit(0)
     try:

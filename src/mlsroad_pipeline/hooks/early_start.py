@@ -9,7 +9,6 @@ import re
 from collections.abc import Sequence
 
 from mlsroad_pipeline.execution import fork_server
-from mlsroad_pipeline.execution.optional_imports import without
 
 _PIPELINE = re.compile(r"(?:--pipelines?[= ]|-p ?)label(?: |$)")
 _OTHER_BACKEND = re.compile(r"execution\.backend=(?!loky)")
@@ -36,9 +35,8 @@ def start_workers() -> None:
 
 def _load_libraries() -> None:
     """Load what driver and workers share, with the first kernel, which initialises Numba."""
-    with without("requests", "coverage"):
-        from mlsroad_pipeline.execution import worker  # noqa: F401, PLC0415  # other commands need none of them
-        from mlsroad_pipeline.label.warm_up import load_first_kernel  # noqa: PLC0415
+    from mlsroad_pipeline.execution import worker  # noqa: F401, PLC0415  # other commands need none of them
+    from mlsroad_pipeline.label.warm_up import load_first_kernel  # noqa: PLC0415
 
     load_first_kernel()
 
