@@ -172,7 +172,7 @@ def label_files(
         is_first = not compiled_kernels()  # before the workers start, which compile
         configure(place)
         if is_first:
-            error_console().print("First run: the kernels are compiled once, which takes about a minute.")
+            error_console().print("First run: the kernels are compiled once, which takes one to two minutes.")
             if kernels_in_temporary_folder:
                 kept = f"Neither package nor cache can be written: kernels are kept in {os.environ['NUMBA_CACHE_DIR']}."
                 error_console().print(kept, markup=False)
