@@ -79,6 +79,14 @@ def test_unknown_environment_is_one_line_that_names_those_there_are(project, mon
         ParameterConfigLoader(str(project / "conf"), env="semantikitti", base_env="base", default_run_env="local")
 
 
+def test_unknown_pipeline_is_one_line_that_names_those_there_are(project, monkeypatch):
+    configure_project("mlsroad_pipeline")
+    monkeypatch.chdir(project)
+    result = CliRunner().invoke(cli.run, ["--pipelines=lable"])
+    assert result.exit_code == 1 and result.output.count("\n") == 1
+    assert result.output.startswith("Error: unknown pipeline 'lable' (known: all_methods, ") and "label" in result.output
+
+
 @pytest.mark.parametrize("order", [1, -1])
 def test_parameters_of_the_command_replace_those_of_the_file_and_keep_the_rest(tmp_path, order):
     file = tmp_path / "mine.yml"
