@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
+from helpers import forking
 from helpers.store import store_at
 
 gc.disable()  # until all tests are collected: the imports leave little garbage, and collecting it takes a tenth of their time
@@ -102,6 +103,13 @@ def real_data():
         return path
 
     return find
+
+
+@pytest.fixture(scope="session")
+def forked_commands(tmp_path_factory):
+    """Return the process that forks one process per command of `mlsroad`."""
+    with forking.serving(tmp_path_factory.mktemp("printed")) as commands:
+        yield commands
 
 
 def _marks_of(path: Path, long: Container[Path]) -> list[str]:
