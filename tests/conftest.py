@@ -9,6 +9,8 @@ from collections.abc import Callable, Container
 
 # Tests run in one process per core; more OpenMP threads take 20 % more time. Read at the first import of NumPy.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+# Threads that LightGBM is told to start sleep while they wait; spinning takes thirty times the time where cores are shared.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 from pathlib import Path
 from typing import Any
@@ -16,8 +18,10 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
+from helpers import forking
 from helpers.store import store_at
 
+gc.disable()  # until all tests are collected: the imports leave little garbage, and collecting it takes a tenth of their time
 REPOSITORY = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("MLSROAD_DATA", REPOSITORY.parent / "shared" / "data"))
 LONG = (
@@ -101,6 +105,13 @@ def real_data():
     return find
 
 
+@pytest.fixture(scope="session")
+def forked_commands(tmp_path_factory):
+    """Return the process that forks one process per command of `mlsroad`."""
+    with forking.serving(tmp_path_factory.mktemp("printed")) as commands:
+        yield commands
+
+
 def _marks_of(path: Path, long: Container[Path]) -> list[str]:
     """Return the marks of the tests of a file: of long files, and by what their source contains."""
     source = path.read_text(encoding="utf-8")
@@ -141,6 +152,7 @@ def pytest_collection_finish():
     gc.collect()
     gc.freeze()
     gc.set_threshold(50_000, 20, 50)
+    gc.enable()
 
 
 def pytest_terminal_summary(terminalreporter):

@@ -1,4 +1,4 @@
-"""The command `mlsroad compare` on a labelled street: planted errors of a register are found."""
+"""The command `mlsroad compare` on a street listed from its true classes: planted errors of a register are found."""
 
 import shutil
 
@@ -6,20 +6,25 @@ import geopandas as gpd
 import numpy as np
 import pandas as pd
 import pytest
+from helpers.labelled import write_true_classes
 
 from mlsroad_pipeline.review.corrections import Correction, open_corrections
 
 SHIFT = np.array([1.2, -0.7])
+GIVEN = ("--class-map", "mlsroad", "--workers", 1)
+"""Options of `inventory`: the classes of the points are those of the file."""
 
 
 @pytest.fixture(scope="module")
 def folder(run, tmp_path_factory):
-    """A labelled street, and its own inventory as a register with another origin and planted errors."""
+    """A street, and its own inventory as a register with another origin and planted errors."""
     place = tmp_path_factory.mktemp("compared")
-    street = ("simulate", "--preset", "small", "--seed", "31", "--length", "60", "--params", "with_images=false")
-    for arguments in (street, ("label", "street", "--workers", 2)):
-        done = run(*arguments, cwd=place)
-        assert done.returncode == 0, done.stderr
+    sparse = "with_images=false,pulse_rate=25000,profile_rate=60"
+    done = run("simulate", "--preset", "small", "--seed", "31", "--length", "60", "--params", sparse, cwd=place)
+    assert done.returncode == 0, done.stderr
+    write_true_classes(place / "street/survey.laz")
+    done = run("inventory", "street", *GIVEN, cwd=place)
+    assert done.returncode == 0, done.stderr
     objects = gpd.read_parquet(place / "street_mlsroad/inventory.parquet")
     upright = objects[objects["kind"] != "vehicle"].reset_index(drop=True)
     assert len(upright) > 15
@@ -96,7 +101,7 @@ def test_without_any_trajectory_nothing_is_not_found(run, folder, compared):
     assert compared.returncode == 0
     (folder / "still").mkdir()
     shutil.copy(folder / "street/survey.laz", folder / "still")
-    done = run("label", "still", "--workers", 2, "--params", "ingest.estimate_trajectory=false", cwd=folder)
+    done = run("inventory", "still", *GIVEN, "--params", "ingest.estimate_trajectory=false", cwd=folder)
     assert done.returncode == 0, done.stderr
     done = run("compare", "register.csv", "still_mlsroad", *OPTIONS, cwd=folder)
     assert done.returncode == 0 and "has no trajectory, from which rays begin" in " ".join(done.stdout.split())

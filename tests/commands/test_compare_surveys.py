@@ -4,19 +4,16 @@ import shutil
 from dataclasses import replace
 
 import geopandas as gpd
-import laspy
 import numpy as np
 import pandas as pd
 import pytest
-from helpers.labelled import scheme as configured_scheme
+from helpers.labelled import write_true_classes
 from PIL import Image
 
-from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.simulation import PRESETS, another_year
 from mlsroad_pipeline.simulation.parameters.street_parameters import StreetParameters
 from mlsroad_pipeline.surveys.simulated import write_simulated_survey
 
-SCHEME = ClassScheme.from_config("road_inventory", configured_scheme())
 OFFSET = np.array([0.25, -0.15, 0.1])
 
 
@@ -29,10 +26,7 @@ def folder(run, tmp_path_factory):
     first = replace(PRESETS["small"], seed=72, street=kind, **sparse)
     for name, parameters in (("first", first), ("later", another_year(first, 2, offset=tuple(OFFSET)))):
         write_simulated_survey(parameters=parameters, folder=str(place / name), n_threads=1)
-        las = laspy.read(place / name / "survey.laz")
-        label = SCHEME.encode(np.asarray(las["label"]))
-        las.classification = np.where(label < 0, 1, SCHEME.codes()[label])
-        las.write(place / name / "survey.laz")
+        write_true_classes(place / name / "survey.laz")
         done = run("inventory", name, "--class-map", "mlsroad", "--workers", 1, cwd=place)
         assert done.returncode == 0, done.stderr
     return place

@@ -6,7 +6,9 @@ import geopandas
 import laspy
 import numpy as np
 import pytest
+from helpers.forking import ALONE
 from helpers.labelled import scheme as configured_scheme
+from helpers.labelled import write_true_classes
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 
@@ -21,10 +23,9 @@ def folder(run, tmp_path_factory):
         *("simulate", "--preset", "tiny", "--seed", "3", "--length", "20", "--params", "with_images=false"), cwd=place
     )
     assert done.returncode == 0, done.stderr
-    las = laspy.read(place / "street/survey.laz")
-    label = SCHEME.encode(np.asarray(las["label"]))
-    las.classification = np.where(label < 0, 1, SCHEME.codes()[label])
-    las.write(place / "classified.laz")
+    label = SCHEME.encode(np.asarray(laspy.read(place / "street/survey.laz")["label"]))
+    shutil.copy(place / "street/survey.laz", place / "classified.laz")
+    write_true_classes(place / "classified.laz")
     shutil.copy(place / "street/trajectory.csv", place)
     (place / "predictions").mkdir()
     p = np.full((len(label), len(SCHEME)), 0.01, np.float32)
@@ -54,7 +55,7 @@ def test_an_inventory_of_no_classes_is_an_error(run, folder):
 
 
 def test_chosen_classes_are_kept_and_the_others_labelled(run, folder):
-    done = run("label", "classified.laz", "-o", "kept", "--keep-classes", "--keep", "6,11", cwd=folder)
+    done = run("label", "classified.laz", "-o", "kept", "--keep-classes", "--keep", "6,11", *ALONE, cwd=folder)
     assert done.returncode == 0, done.stderr
     before, after = laspy.read(folder / "classified.laz"), laspy.read(folder / "kept/classified.laz")
     kept = np.isin(before.classification, (6, 11))
@@ -67,7 +68,7 @@ def test_probabilities_of_another_network_are_the_labels(run, folder):
     options = ("--labels", "predictions", "--labels-map", "own.csv")
     rows = [f"{k},{name},{name}" for k, name in enumerate(SCHEME.classes)]
     (folder / "own.csv").write_text("\n".join(["number,name,class", *rows]))
-    done = run("label", "classified.laz", "-o", "predicted", *options, cwd=folder)
+    done = run("label", "classified.laz", "-o", "predicted", *options, *ALONE, cwd=folder)
     assert done.returncode == 0, done.stderr
     before, after = laspy.read(folder / "classified.laz"), laspy.read(folder / "predicted/classified.laz")
     free = (np.asarray(before.classification) != 1) & (np.asarray(after["object_id"]) == 0)
@@ -84,7 +85,7 @@ def test_the_weight_of_predictions_is_fitted_on_classified_points(run, folder):
     shutil.copy(folder / "predictions/classified.npy", folder / "predictions/part.npy")
     rows = [f"{k},{name},{name}" for k, name in enumerate(SCHEME.classes)]
     (folder / "fit.csv").write_text("\n".join(["number,name,class", *rows]))
-    options = ("--labels", "predictions", "--labels-map", "fit.csv", "--class-map", "mlsroad", "--workers", 1)
+    options = ("--labels", "predictions", "--labels-map", "fit.csv", "--class-map", "mlsroad", *ALONE)
     done = run("label", "part.laz", "-o", "fit", *options, "--params", "label.given.weight=fit", cwd=folder)
     assert done.returncode == 0, done.stderr
     fitted = " ".join(done.stdout.split()).partition("Weight of the predictions: ")[2]
@@ -102,7 +103,7 @@ def test_the_weight_of_predictions_is_fitted_on_classified_points(run, folder):
     ],
 )
 def test_errors_are_one_line(run, folder, options, message):
-    done = run("label", "classified.laz", "-o", "wrong", *options, cwd=folder)
+    done = run("label", "classified.laz", "-o", "wrong", *options, *ALONE, cwd=folder)
     assert done.returncode == 1 and message in done.stderr and done.stderr.count("\n") == 1
 
 
@@ -126,7 +127,7 @@ def test_every_file_of_predictions_is_checked_before_the_survey_is_read(run, fol
         np.save(predictions / f"{name}.npy", values(n) if number else np.zeros(n, np.uint8))
     rows = [f"{k},{name},{name}" for k, name in enumerate(SCHEME.classes)]
     (folder / "map.csv").write_text("\n".join(["number,name,class", *rows]))
-    done = run("label", "two", "-o", "unread", "--labels", predictions, "--labels-map", "map.csv", cwd=folder)
+    done = run("label", "two", "-o", "unread", "--labels", predictions, "--labels-map", "map.csv", *ALONE, cwd=folder)
     line = done.stderr.splitlines()[-1]
     assert done.returncode == 1 and message in line and line.startswith(f"Error: {predictions / 'survey_001.npy'}"), (
         line

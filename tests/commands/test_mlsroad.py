@@ -15,10 +15,9 @@ import laspy
 import numpy as np
 import pandas
 import pytest
+from helpers.forking import ALONE
 
 COMMAND = Path(sys.executable).with_name("mlsroad")
-ALONE = ("--params", "execution.backend=sequential")
-"""Options of a run without workers, which would start before an error is found."""
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +79,7 @@ def test_nothing_is_written_outside_the_results(folder, labelled):
 
 def test_the_same_command_again_says_that_it_is_done(run, folder, labelled):
     before = {path: path.stat().st_mtime_ns for path in (folder / "one, two_mlsroad").iterdir() if path.is_file()}
-    again = run("label", "one, two.laz", cwd=folder)
+    again = run("label", "one, two.laz", *ALONE, cwd=folder)
     assert (again.returncode, again.stderr) == (0, "")
     assert again.stdout.startswith("Already labelled: ")
     assert again.stdout.splitlines()[1:] == labelled.stdout.splitlines()[1:]
@@ -149,7 +148,7 @@ def test_an_interrupt_of_all_processes_is_one_line(folder, tmp_path, sent):
 
 
 def test_several_files_form_one_survey(run, folder):
-    done = run("label", "one, two.laz", "street", "-o", "both", "--params", "label.scheme=asprs", cwd=folder)
+    done = run("label", "one, two.laz", "street", "-o", "both", *ALONE, "--params", "label.scheme=asprs", cwd=folder)
     assert done.returncode == 0, done.stderr
     assert "points of 2 files" in done.stdout.splitlines()[0]
     assert sorted(str(path.relative_to(folder / "both")) for path in (folder / "both").rglob("*.laz")) == [
@@ -161,7 +160,8 @@ def test_several_files_form_one_survey(run, folder):
 
 def test_an_environment_variable_turns_tracking_on(folder, tmp_path):
     uri = f"sqlite:///{tmp_path}/runs.db"
-    done = mlsroad("label", folder / "one, two.laz", "-o", tmp_path / "out", cwd=tmp_path, MLFLOW_TRACKING_URI=uri)
+    command = ("label", folder / "one, two.laz", "-o", tmp_path / "out", *ALONE)
+    done = mlsroad(*command, cwd=tmp_path, MLFLOW_TRACKING_URI=uri)
     assert (done.returncode, done.stderr) == (0, "")
     assert (tmp_path / "runs.db").is_file()
 
@@ -195,7 +195,7 @@ def test_a_wrong_command_line_has_the_exit_code_2(folder, arguments):
 
 
 def test_verbose_shows_the_traceback(run, folder):
-    done = run("label", "no.laz", "--verbose", cwd=folder)
+    done = run("label", "no.laz", "--verbose", *ALONE, cwd=folder)
     assert done.returncode == 1
     assert "Traceback (most recent call last)" in done.stderr
     assert done.stderr.strip().splitlines()[-1].startswith("Error: ")

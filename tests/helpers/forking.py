@@ -24,26 +24,41 @@ LOADED = (
     "kedro.runner",
 )
 
+ALONE = ("--params", "execution.backend=sequential")
+"""Options of `label` without workers, which start and run all stages once before the survey is read."""
+
 
 class Commands:
     """Process that forks one process per command."""
 
     def __init__(self, folder: Path, environment: Mapping[str, str]) -> None:
-        self._folder, self._environment = folder, dict(environment)
+        self._out, self._err = folder / "stdout", folder / "stderr"
         self._server = subprocess.Popen(
-            [sys.executable, __file__], cwd=folder, env=self._environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            [sys.executable, __file__], cwd=folder, env=dict(environment), stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             text=True,
         )  # fmt: skip
 
-    def run(self, arguments: Sequence[str], cwd: Path) -> subprocess.CompletedProcess[str]:
-        """Run `mlsroad` with arguments in a folder; neither stdout nor stderr is a terminal."""
-        out, err = self._folder / "stdout", self._folder / "stderr"
-        request = {"arguments": list(arguments), "cwd": str(cwd), "stdout": str(out), "stderr": str(err)}
-        assert self._server.stdin is not None and self._server.stdout is not None
+    def start(self, arguments: Sequence[str], cwd: Path) -> int:
+        """Start `mlsroad` with arguments in a folder and return its process; neither stdout nor stderr is a terminal."""
+        request = {"arguments": list(arguments), "cwd": str(cwd), "stdout": str(self._out), "stderr": str(self._err)}
+        assert self._server.stdin is not None
         self._server.stdin.write(json.dumps(request) + "\n")
         self._server.stdin.flush()
-        code = int(self._server.stdout.readline())
-        return subprocess.CompletedProcess(list(arguments), code, out.read_text(), err.read_text())
+        return self._number()
+
+    def end(self, arguments: Sequence[str] = ()) -> subprocess.CompletedProcess[str]:
+        """Wait for the process that was started, and return what it printed."""
+        code = self._number()
+        return subprocess.CompletedProcess(list(arguments), code, self._out.read_text(), self._err.read_text())
+
+    def run(self, arguments: Sequence[str], cwd: Path) -> subprocess.CompletedProcess[str]:
+        """Run `mlsroad` with arguments in a folder."""
+        self.start(arguments, cwd)
+        return self.end(arguments)
+
+    def _number(self) -> int:
+        assert self._server.stdout is not None
+        return int(self._server.stdout.readline())
 
     def close(self) -> None:
         """End the process."""
@@ -51,9 +66,10 @@ class Commands:
 
 
 @contextmanager
-def forked_commands(folder: Path, environment: Mapping[str, str]) -> Iterator[Commands]:
-    """Start the process with an environment, and end it; `folder` takes what the commands print."""
-    commands = Commands(folder, environment)
+def serving(folder: Path) -> Iterator[Commands]:
+    """Start the process outside of any tracked project, and end it; `folder` takes what the commands print."""
+    variables = {k: v for k, v in os.environ.items() if not k.startswith(("MLFLOW_", "KEDRO_", "COV_"))}
+    commands = Commands(folder, variables)
     try:
         yield commands
     finally:
@@ -61,14 +77,19 @@ def forked_commands(folder: Path, environment: Mapping[str, str]) -> Iterator[Co
 
 
 def _next_request() -> dict[str, Any] | None:
-    """Fork at each request and report its exit code; return the request in the child, and None at the end of stdin."""
+    """Fork at each request, report process and exit code; return the request in the child, and None at the end of stdin."""
     while line := sys.stdin.readline():
         child = os.fork()
         if child == 0:
             return dict(json.loads(line))
-        sys.stdout.write(f"{os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])}\n")
-        sys.stdout.flush()
+        _answer(child)
+        _answer(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
     return None
+
+
+def _answer(number: int) -> None:
+    sys.stdout.write(f"{number}\n")
+    sys.stdout.flush()
 
 
 def _become(request: Mapping[str, Any]) -> None:

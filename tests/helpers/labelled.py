@@ -1,8 +1,11 @@
 """Checks of labelled files: standard codes, confidences, and all points and attributes of the original."""
 
+import laspy
 import numpy as np
 from helpers.wiring import REPOSITORY
 from helpers.yaml_files import read_yaml
+
+from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 
 N_POINTS = 9000
 UNCLASSIFIED, NOISE = 1, 7
@@ -35,3 +38,11 @@ def check_same_points(written, original):
         assert np.array_equal(written[axis], original[axis])
     assert np.array_equal(written.header.scales, original.header.scales)
     assert np.array_equal(written.header.offsets, original.header.offsets)
+
+
+def write_true_classes(path):
+    """Write the classes of the simulator to a survey's file as codes of the inventory's classes."""
+    given, las = ClassScheme.from_config("road_inventory", scheme()), laspy.read(path)
+    label = given.encode(np.asarray(las["label"]))
+    las.classification = np.where(label < 0, UNCLASSIFIED, given.codes()[label])
+    las.write(path)

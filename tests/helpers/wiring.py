@@ -7,7 +7,6 @@ import functools
 import getpass
 import importlib.util
 import inspect
-import io
 import os
 import pickle
 import re
@@ -17,7 +16,7 @@ import tempfile
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 from unittest import mock
 
 import mlflow
@@ -25,15 +24,14 @@ import pytest
 import yaml
 from filelock import FileLock
 from helpers.yaml_files import read_yaml
-from kedro.framework.project import pipelines
+from kedro.framework.context import KedroContext
+from kedro.framework.project import configure_project, pipelines
 from kedro.framework.session import KedroSession
-from kedro.framework.startup import bootstrap_project
 from kedro.io import core as kedro_core
 from kedro.pipeline import Pipeline
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.text import Text
 from mlflow.entities import Run
-from omegaconf import OmegaConf
 from omegaconf import _utils as omegaconf_utils
 from omegaconf import base as omegaconf_base
 
@@ -41,6 +39,7 @@ from mlsroad_pipeline import pipeline_registry
 from mlsroad_pipeline.algorithms.models.methods import METHODS
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+PACKAGE = "mlsroad_pipeline"
 SURVEYS = {"train": {"preset": "tiny", "seed": 7}, "test": {"preset": "tiny", "seed": 11}}
 TINY: dict[str, Any] = {
     **read_yaml(REPOSITORY / "conf/tiny.yml"),
@@ -96,13 +95,20 @@ def joined(*trees: Mapping[str, Any]) -> dict[str, Any]:
 
 
 @functools.cache
-def _parsed(text: str, parse: Callable[[io.StringIO], Any]) -> bytes:
-    return pickle.dumps(parse(io.StringIO(text)))
+def _parsed(text: str, kind: type) -> bytes:
+    return pickle.dumps(_parse(text, kind))
 
 
+def _parsed_copy(text: str | IO[str], Loader: type) -> Any:
+    """Return what `yaml.load` returns, and parse each text once."""
+    return pickle.loads(_parsed(text if isinstance(text, str) else text.read(), Loader))
+
+
+_parse = yaml.load
 _parsed_reference = functools.cache(omegaconf_base.parse)
 _register_pipelines = pipeline_registry.register_pipelines
 _signature = functools.cache(inspect.signature)
+_all_parameters = KedroContext._get_parameters
 
 
 def _arguments(function: Callable[..., Any], /, *given: Any, **named: Any) -> dict[str, Any]:
@@ -122,27 +128,38 @@ def _pipelines_once() -> dict[str, Pipeline]:
     return {**_registered(tuple(METHODS), None if requested is None else tuple(requested))}
 
 
+def _parameters_of_run(context: KedroContext) -> dict[str, Any]:
+    """Return the parameters without the nested ones that no node of the run takes, which are 2,000."""
+    every, names = _all_parameters(context), context._pipelines_to_validate
+    if names is None:
+        return every
+    taken = {name for pipeline in names for name in pipelines[pipeline].inputs()}
+    return {name: value for name, value in every.items() if "." not in name or name in taken}
+
+
+@functools.cache
+def _configure_once() -> None:
+    """Read the settings of the project, for which dynaconf inspects the source of all callers."""
+    configure_project(PACKAGE)
+
+
 @contextlib.contextmanager
 def parsed_once() -> Iterator[None]:
     """Do what every session of Kedro repeats once per process; together it takes longer than most tests.
 
     That is to parse each text of a configuration and each reference in it, to make the pipelines, and to read the
-    signature of the dataset of each of 2,000 parameters. Kedro also tries to import ibis for each of them; where it is
-    missing, Python looks through all folders.
+    signatures of datasets, of which each parameter has one. Kedro also tries to import ibis for each of them; where it
+    is missing, Python looks through all folders.
     """
-    parse = OmegaConf.load
-
-    def load(file: io.StringIO) -> Any:
-        return pickle.loads(_parsed(file.read(), parse))
-
     if importlib.util.find_spec("ibis") is None:
         sys.modules["ibis"] = None  # type: ignore[assignment]  # the import fails at once
     try:
         with (
-            mock.patch.object(OmegaConf, "load", load),
+            mock.patch.object(yaml, "load", _parsed_copy),
             mock.patch.object(omegaconf_base, "parse", _parsed_reference),
             mock.patch.object(omegaconf_utils, "parse", _parsed_reference),
             mock.patch.object(kedro_core, "getcallargs", _arguments),
+            mock.patch.object(KedroContext, "_get_parameters", _parameters_of_run),
             mock.patch.object(pipeline_registry, "register_pipelines", _pipelines_once),
         ):
             yield
@@ -165,7 +182,8 @@ def figures_without_text() -> Iterator[None]:
 def session_of(project: Path, *, env: str | None = None, **parameters: Any) -> Iterator[KedroSession]:
     """Open a session in a project's folder, and leave MLflow afterwards as it was."""
     before = mlflow.get_tracking_uri()
-    bootstrap_project(project)
+    _configure_once()
+    pipelines.configure(f"{PACKAGE}.pipeline_registry")
     environment = {name: value for name, value in os.environ.items() if not name.startswith("MLFLOW_")}
     try:
         with (

@@ -1,10 +1,10 @@
 """Runs of `label` beside each other and one after the other: nothing is lost, mixed or replaced unasked."""
 
 import json
+import os
 import signal
 import sqlite3
 import subprocess
-import sys
 import time
 
 import geopandas as gpd
@@ -177,23 +177,23 @@ def test_a_file_of_the_users_own_is_refused_before_a_point_is_read(project, surv
     assert not stage_counts(caplog.messages)
 
 
-def test_two_runs_at_once_share_no_output_and_do_not_disturb_each_other(project, surveys, tmp_path):
-    script = "from mlsroad_pipeline.commands.app import main; main()"
-    out, log = tmp_path / "out", tmp_path / "log"
-    command = [sys.executable, "-c", script, "label", str(surveys["east"]), "-o", str(out)]
-    command += ["--params", "execution.backend=sequential"]
-    with log.open("w") as stream:
-        process = subprocess.Popen(command, cwd=tmp_path, stdout=stream, stderr=stream)
-        deadline = time.monotonic() + 120
-        while not list(out.glob(".mlsroad/*/run.json")) and time.monotonic() < deadline and process.poll() is None:
-            time.sleep(0.01)
-        assert process.poll() is None, log.read_text()
-        process.send_signal(signal.SIGSTOP)  # it is in the middle of its run until it goes on
-        with pytest.raises(Exception, match=rf"{out} is in use by process {process.pid} on \S+"):
-            label(project, surveys["west"], out)
-        other = label(project, surveys["west"], tmp_path / "other")
-        process.send_signal(signal.SIGCONT)
-        assert process.wait() == 0, log.read_text()
+def test_two_runs_at_once_share_no_output_and_do_not_disturb_each_other(project, surveys, tmp_path, forked_commands):
+    out = tmp_path / "out"
+    arguments = ["label", str(surveys["east"]), "-o", str(out), "--params", "execution.backend=sequential"]
+    process, deadline = forked_commands.start(arguments, tmp_path), time.monotonic() + 120
+    while not list(out.glob(".mlsroad/*/run.json")) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    try:
+        os.kill(process, signal.SIGSTOP)  # it is in the middle of its run until it goes on
+        try:
+            with pytest.raises(Exception, match=rf"{out} is in use by process {process} on \S+"):
+                label(project, surveys["west"], out)
+            other = label(project, surveys["west"], tmp_path / "other")
+        finally:
+            os.kill(process, signal.SIGCONT)
+    finally:
+        done = forked_commands.end()
+    assert done.returncode == 0, done.stderr
     for folder, name in ((out, "east"), (other, "west")):
         assert list(contents(folder)) == NAMES
         assert np.array_equal(laspy.read(folder / "street.laz").xyz, laspy.read(surveys[name]).xyz)
