@@ -314,7 +314,10 @@ JOINED = {
         ({"action": "split", "object_id": 1, "payload": {"bases": [[1, 2, 3], [1, 1e200, 3]]}}, "more than 1e+08 m"),
         ({"action": "reject_line", "kind": "pole", "payload": {"line": 1, "x": 1, "y": 2}}, "unknown kind 'pole'"),
         ({"action": "reject_line", "kind": "kerb", "payload": {"line": 1, "x": 1, "y": 1e99}}, "more than 1e+08 m"),
-        ({"action": "kind_line", "kind": "kerb", "payload": {"line": 1, "x": 495, "y": 895}}, "to must be the right kind"),
+        (
+            {"action": "kind_line", "kind": "kerb", "payload": {"line": 1, "x": 495, "y": 895}},
+            "to must be the right kind",
+        ),
         ({"action": "join_lines", "kind": "kerb", "payload": JOINED}, "more than 1e+08 m"),
     ],
 )
