@@ -41,7 +41,9 @@ def learn(
     accept: Annotated[
         bool, typer.Option("--accept", help="Take the new model also where the comparison finds it worse.")
     ] = False,
-    undo: Annotated[bool, typer.Option("--undo", help="Put the results of before the last learning back; again for the one before.")] = False,
+    undo: Annotated[
+        bool, typer.Option("--undo", help="Put the results of before the last learning back; again for the one before.")
+    ] = False,
     workers: Workers = None,
     verbose: Verbose = False,
 ) -> None:
