@@ -3,6 +3,7 @@
 import importlib.util
 import re
 
+import pytest
 from helpers.wiring import REPOSITORY
 
 
@@ -36,11 +37,12 @@ def test_without_settings_uv_uses_its_own():
     assert not {"UV_DEFAULT_INDEX", "UV_INDEX", "UV_FIND_LINKS"} & set(installer().uv_environment({}))
 
 
-def test_all_locked_packages_have_hashes():
-    text = (REPOSITORY / "requirements.lock").read_text(encoding="utf-8")
+@pytest.mark.parametrize(("lock", "least", "one"), [("requirements", 200, "uv"), ("requirements-label", 50, "numba")])
+def test_all_locked_packages_have_hashes(lock, least, one):
+    text = (REPOSITORY / f"{lock}.lock").read_text(encoding="utf-8")
     entry = r"^([\w.-]+)==\S+ (?:;[^\\]* )?\\\n(?:    --hash=sha256:[0-9a-f]{64}(?: \\)?\n)+"
     names = re.findall(entry, text, re.MULTILINE)
-    assert len(names) == text.count("==") > 200 and "uv" in names and "torch" not in names
+    assert len(names) == text.count("==") > least and one in names and "torch" not in names
 
 
 def test_the_locked_torch_is_that_of_the_project():

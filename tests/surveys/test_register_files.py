@@ -53,6 +53,7 @@ def test_a_register_of_one_kind_needs_places_alone(tmp_path):
     [
         ("x,y\n1,2\n", {}, r"no column 'kind' \(has x, y\): name it with --column kind=NAME"),
         ("kind,x\npole,2\n", {}, r"no column 'y'.*--column y=NAME"),
+        ("kind,x,y\x1b[31m\npole,1,2\n", {}, r"\(has kind, x, y\\x1b\[31m, "),
         ("kind,x,y\npole,a,2\n", {}, r"column x has 'a' in row 1"),
         ("kind,x,y\npole,1,2\n,1,2\n", {}, "entry 2 has no kind: fill it in, or remove it"),
         ("kind,x,y\nMast,1,2\nvehicle,1,2\n", {"kinds": {"Mast": "pole"}}, "unknown kinds vehicle"),

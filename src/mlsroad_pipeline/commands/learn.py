@@ -41,7 +41,9 @@ def learn(
     accept: Annotated[
         bool, typer.Option("--accept", help="Take the new model also where the comparison finds it worse.")
     ] = False,
-    undo: Annotated[bool, typer.Option("--undo", help="Put the results of before the last learning back.")] = False,
+    undo: Annotated[
+        bool, typer.Option("--undo", help="Put the results of before the last learning back; again for the one before.")
+    ] = False,
     workers: Workers = None,
     verbose: Verbose = False,
 ) -> None:
@@ -92,7 +94,7 @@ def _learn(places: list[str], *, label: bool, accept: bool, workers: int | None,
 
 def _undo(places: list[str]) -> None:
     """Put the results of before the last learning back; all folders are checked before the first is changed."""
-    from mlsroad_pipeline.review.corrections.kept_results import kept_note, put_back
+    from mlsroad_pipeline.review.corrections.kept_results import kept_folders, kept_note, put_back
 
     folders = [Path(place) for place in places]
     for folder in folders:
@@ -100,7 +102,11 @@ def _undo(places: list[str]) -> None:
         lock_output(folder)
     for folder in folders:
         put_back(folder)
-        output_console().print(f"{folder} has the results of before the learning again.", markup=False)
+        left = len(kept_folders(folder))
+        output_console().print(
+            f"{folder} has the results of before the learning again ({left} earlier learnings can be undone).",
+            markup=False,
+        )
 
 
 def _learn_and_store(

@@ -11,6 +11,7 @@ import pyogrio
 import shapely
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.formats.crs import parse_crs
 from mlsroad_pipeline.formats.registry import format_of_name
 from mlsroad_pipeline.surveys.truth_tables import read_csv, typed_objects
@@ -79,30 +80,33 @@ class RegisterFile:
             raise ReadError(f"{self.path}: the features have no places")
         return frame
 
+    def _error(self, text: str) -> DataError:
+        """Return an error; names and kinds of the file may have control characters."""
+        return DataError(f"{self.path}: {printable(text)}")
+
     def _named(self, table: pd.DataFrame) -> pd.DataFrame:
         """Return a table with columns of this module's names and kinds."""
         missing = [name for name in self.columns.values() if name not in table]
         if missing:
-            raise DataError(f"{self.path}: no column {missing[0]!r} (has {', '.join(map(str, table))})")
+            raise self._error(f"no column {missing[0]!r} (has {', '.join(map(str, table))})")
         table = table.assign(**{name: table[given] for name, given in self.columns.items()})
         if self.kind is not None:
             table = table.assign(kind=self.kind)
         if "kind" not in table:
-            raise DataError(
-                f"{self.path}: no column 'kind' (has {', '.join(map(str, table))}): name it with --column kind=NAME, "
+            raise self._error(
+                f"no column 'kind' (has {', '.join(map(str, table))}): name it with --column kind=NAME, "
                 "or give all entries one with --kind"
             )
         kinds = table["kind"].astype(object).where(table["kind"].notna(), "").astype(str).str.strip()
         if (kinds == "").any():
-            raise DataError(
-                f"{self.path}: entry {int((kinds == '').to_numpy().argmax()) + 1} has no kind: fill it in, or remove it"
-            )
+            entry = int((kinds == "").to_numpy().argmax()) + 1
+            raise self._error(f"entry {entry} has no kind: fill it in, or remove it")
         mapped = kinds.map(lambda value: self.kinds.get(value, value.lower()))
         unknown = sorted(set(kinds[~mapped.isin((*KINDS, IGNORED))]))
         if unknown:
             more = f" and {len(unknown) - 5} more" if len(unknown) > 5 else ""
-            raise DataError(
-                f"{self.path}: unknown kinds {', '.join(unknown[:5])}{more}: give each a kind, such as "
+            raise self._error(
+                f"unknown kinds {', '.join(unknown[:5])}{more}: give each a kind, such as "
                 f"--value '{unknown[0]}=pole' ({', '.join(KINDS)}, {IGNORED} leaves out)"
             )
         table = table.assign(kind=mapped)[(mapped != IGNORED).to_numpy()]
@@ -120,9 +124,7 @@ class RegisterFile:
             for name in ("x", "y"):
                 if name not in table:
                     columns = ", ".join(map(str, table))
-                    raise DataError(
-                        f"{self.path}: no column {name!r} (has {columns}): name it with --column {name}=NAME"
-                    )
+                    raise self._error(f"no column {name!r} (has {columns}): name it with --column {name}=NAME")
             numbers = typed_objects(table, self.path)
             places, own = shapely.points(numbers["x"], numbers["y"]), None
         known = own if self.crs is None else parse_crs(self.crs, option="--crs")

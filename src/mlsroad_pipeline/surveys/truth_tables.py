@@ -12,6 +12,7 @@ from pandas.api.types import is_string_dtype
 
 from mlsroad_pipeline.algorithms.core.classes import TAXONOMY, TAXONOMY_NAMES
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.algorithms.core.plain_text import printable
 from mlsroad_pipeline.algorithms.inventory.objects.boxes import vehicle_box
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, KINDS, ObjectRule
 from mlsroad_pipeline.formats.base import ReadOptions
@@ -93,9 +94,8 @@ def typed_objects(table: pd.DataFrame, place: Path) -> pd.DataFrame:
     """Return a table with numbers and without objects of no kind, or raise an error that names file and column."""
     missing = [name for name in ("kind", "x", "y") if name not in table]
     if missing:
-        raise DataError(
-            f"{place}: a table of true objects needs the column {missing[0]} (has {', '.join(map(str, table))})"
-        )
+        columns = printable(", ".join(map(str, table)))
+        raise DataError(f"{place}: a table of true objects needs the column {missing[0]} (has {columns})")
     table = table[table["kind"].notna()]
     kinds = table["kind"].astype(str).str.strip().str.lower()
     _check(table["kind"], ~kinds.isin(KINDS), place, f"kinds are {', '.join(KINDS)}")

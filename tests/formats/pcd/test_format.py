@@ -77,6 +77,8 @@ def test_compressed_data_of_a_plain_packer(tmp_path, rng):
         assert not cloud.xyz.any()
     with pytest.raises(ReadError, match="3 bytes .* 1300"):
         PCD.read(compressed(tmp_path / "a.pcd", b"abc", 100, 1300), DEFAULT)
+    with pytest.raises(ReadError, match=r"b\.pcd is damaged: .*: they decompress to more than 13 bytes"):
+        PCD.read(compressed(tmp_path / "b.pcd", pack_lzf(bytes(14)), 1, 13), DEFAULT)
     for i, damaged in enumerate((b"\x05ab", b"\x20\x05", b"\xe0", b"\x00a\x40", b"\x01ab\x20\x02")):
         with pytest.raises(ReadError, match=rf"{i}\.pcd is damaged: its compressed data"):
             PCD.read(compressed(tmp_path / f"{i}.pcd", damaged, 1, 13), DEFAULT)

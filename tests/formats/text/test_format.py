@@ -99,6 +99,8 @@ def test_taken_names_are_kept_aside(tmp_path):
     [
         ("# only\n# comments\n", r"a\.txt has no rows of points"),
         ("x y z\n", r"a\.txt has no rows of points"),
+        ("x y z\n" + "\n" * 30, r"a\.txt has no rows of points"),
+        ("x y z\n" + "\n" * 30 + "1 2 3\n", r"a\.txt, line 2: 0 values instead of 3: ''"),
         ("1 2\n3 4\n", r"a\.txt, line 1: '1 2' has 2 values"),
         ("1 2 3\n4 5 6\n7 8\n9 1 2\n", r"a\.txt, line 3: 2 values instead of 3: '7 8'"),
         ("# c\n1 2 3\n4 5 6 7\n", r"a\.txt, line 3: 4 values instead of 3: '4 5 6 7'"),

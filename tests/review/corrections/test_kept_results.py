@@ -1,4 +1,4 @@
-"""Results of before a learning: they are kept without their bytes, compared, and put back in one step."""
+"""Results of before each learning: they are kept without their bytes, compared, and put back step by step."""
 
 import json
 import os
@@ -13,7 +13,15 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.execution.run_folder import entries_of
 from mlsroad_pipeline.execution.run_identity import finished_record
 from mlsroad_pipeline.formats.las.header import read_header, with_class_names
-from mlsroad_pipeline.review.corrections.kept_results import KEPT, changed_points, keep_results, move_table, put_back
+from mlsroad_pipeline.review.corrections.kept_results import (
+    KEPT,
+    STEPS,
+    changed_points,
+    keep_results,
+    kept_folders,
+    move_table,
+    put_back,
+)
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 
 XYZ = np.random.default_rng(1).uniform(0, 9, (300, 3))
@@ -65,25 +73,60 @@ def test_the_results_and_their_record_come_back(folder):
         put_back(folder)
 
 
+def test_learnings_are_undone_one_after_the_other(folder):
+    states = [(folder / "street.laz").read_bytes()]
+    learned(folder)
+    for k in range(STEPS):
+        keep_results(LabelledOutput.at(folder))
+        states.append((folder / "street.laz").read_bytes())
+        write_run(folder, f"later{k}", np.full(300, 11 + k), "report.html")
+    names = [f"{KEPT}-{number}" for number in range(2, STEPS + 2)]
+    assert [kept.name for kept in kept_folders(folder)] == names  # the first is gone
+    assert {path.name for path in (folder / ".mlsroad").glob(f"{KEPT}*")} == set(names)
+    for state in states[:0:-1]:
+        put_back(folder)
+        assert (folder / "street.laz").read_bytes() == state
+        LabelledOutput.at(folder).check_unedited()
+    assert finished_record(folder)["summary"] == {"run": "two"}
+    with pytest.raises(ReadError, match=f"the last {STEPS} learnings"):
+        put_back(folder)
+
+
+def test_a_learning_that_ended_without_results_is_no_step(folder):
+    keep_results(LabelledOutput.at(folder))
+    assert [kept.name for kept in kept_folders(folder)] == [f"{KEPT}-1"]
+
+
+def test_what_an_earlier_version_kept_comes_back(folder):
+    before = (folder / "street.laz").read_bytes()
+    os.replace(folder / f".mlsroad/{KEPT}-1", folder / ".mlsroad" / KEPT)
+    learned(folder)
+    keep_results(LabelledOutput.at(folder))
+    write_run(folder, "three", np.full(300, 9), "report.html")
+    put_back(folder)
+    put_back(folder)
+    assert (folder / "street.laz").read_bytes() == before
+
+
 def test_an_edited_result_is_not_replaced(folder):
     learned(folder)
     (folder / "report.html").write_text("edited")
     with pytest.raises(DataError, match=r"report\.html was edited since the learning"):
         put_back(folder)
-    assert (folder / "report.html").read_text() == "edited" and (folder / ".mlsroad" / KEPT).is_dir()
+    assert (folder / "report.html").read_text() == "edited" and (folder / ".mlsroad" / f"{KEPT}-1").is_dir()
 
 
 def test_an_undo_that_was_killed_is_done_again(folder):
     before = (folder / "street.laz").read_bytes()
     learned(folder)
-    os.replace(folder / ".mlsroad" / KEPT / "results/street.laz", folder / "street.laz")
+    os.replace(folder / ".mlsroad" / f"{KEPT}-1" / "results/street.laz", folder / "street.laz")
     put_back(folder)
     assert (folder / "street.laz").read_bytes() == before
     assert finished_record(folder)["summary"] == {"run": "one"}
 
 
 def test_kept_files_share_their_bytes_with_the_results(folder):
-    kept = folder / ".mlsroad" / KEPT / "results/street.laz"
+    kept = folder / ".mlsroad" / f"{KEPT}-1" / "results/street.laz"
     assert os.path.samefile(kept, folder / "street.laz")
     learned(folder)
     assert not os.path.samefile(kept, folder / "street.laz")
@@ -101,7 +144,7 @@ def test_points_that_change_are_counted_by_class(folder):
 
 def test_names_of_classes_are_whole(folder):
     learned(folder)
-    for path in (folder / "street.laz", folder / ".mlsroad" / KEPT / "results/street.laz"):
+    for path in (folder / "street.laz", folder / ".mlsroad" / f"{KEPT}-1" / "results/street.laz"):
         header = with_class_names(
             read_header(path), {2: "paved ground and kerbs", 64: "Stra\u00dfenbeleuchtung", 5: "tree"}
         )

@@ -318,6 +318,7 @@ def test_a_folder_that_cannot_be_written_is_read_with_its_log(folder, monkeypatc
         (("reject_line", 1, "kerb", {"line": 1, "x": 1, "y": 2}), "object_id must be left out"),
         (("reject_line", None, "kerb", {"line": 0, "x": 1, "y": 2}), "line, x, y must be numbers"),
         (("accept_line", None, None, {"line": 1, "x": 1, "y": 2}), "kind must be given"),
+        (("kind_line", None, "kerb", {"line": 1, "x": 1, "y": 2}), "to must be the right kind, got None"),
     ],
 )
 def test_wrong_corrections_are_refused(given, message):

@@ -287,6 +287,12 @@ def test_several_decisions_are_undone_together_or_not_at_all(page, folder):
         assert store.current() == []
 
 
+JOINED = {
+    **{"line": 1, "x": 495.0, "y": 895.0, "other": {"line": 2, "x": 1e308, "y": 895.0}},
+    "parts": [[[495, 895, 12], [540, 895, 12]]],
+}
+
+
 @pytest.mark.parametrize(
     ("body", "message"),
     [
@@ -308,6 +314,11 @@ def test_several_decisions_are_undone_together_or_not_at_all(page, folder):
         ({"action": "split", "object_id": 1, "payload": {"bases": [[1, 2, 3], [1, 1e200, 3]]}}, "more than 1e+08 m"),
         ({"action": "reject_line", "kind": "pole", "payload": {"line": 1, "x": 1, "y": 2}}, "unknown kind 'pole'"),
         ({"action": "reject_line", "kind": "kerb", "payload": {"line": 1, "x": 1, "y": 1e99}}, "more than 1e+08 m"),
+        (
+            {"action": "kind_line", "kind": "kerb", "payload": {"line": 1, "x": 495, "y": 895}},
+            "to must be the right kind",
+        ),
+        ({"action": "join_lines", "kind": "kerb", "payload": JOINED}, "more than 1e+08 m"),
     ],
 )
 def test_values_that_an_import_refuses_are_refused(page, folder, body, message):

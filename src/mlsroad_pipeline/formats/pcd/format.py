@@ -193,7 +193,10 @@ def _compressed_rows(path: Path, header: PcdHeader) -> Rows:
     try:
         if size > LARGEST_RATIO * packed_size:
             raise ValueError(f"{packed_size} bytes cannot decompress to {size}")
-        data = np.frombuffer(lzf.decompress(packed, size) if size else b"", np.uint8)
+        unpacked = lzf.decompress(packed, size) if size else b""
+        if unpacked is None:
+            raise ValueError(f"they decompress to more than {size} bytes")
+        data = np.frombuffer(unpacked, np.uint8)
         if len(data) != size:
             raise ValueError(f"they decompress to {len(data)} bytes instead of {size}")
     except ValueError as error:

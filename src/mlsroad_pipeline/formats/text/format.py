@@ -8,6 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -157,7 +158,7 @@ def _open_table(
     text = open_content(path)
     lines = _lines(text.read(HEAD), path)
     start = _find_start(lines, path, delimiter, decimal, header, comment)
-    body = [decoded(line)[0] for line in lines[start.row_line : start.row_line + SAMPLE] if line.strip()]
+    body = _sample(lines, start.row_line, path)
     width = len(split_row(body[0], start.delimiter))
     blank = _trailing(body, width, start)
     at, names = start.names_line, tuple[str, ...]()
@@ -202,21 +203,26 @@ def _find_start(
         (i for i, line in enumerate(lines) if line.strip() and not _is_comment(line, comment)), len(lines)
     )
     names_line, stated = _skip_count(lines, n_comments)
-    if names_line == len(lines):
-        raise ReadError(f"{path} has no rows of points")
-    sample = [decoded(line)[0] for line in lines[names_line : names_line + SAMPLE] if line.strip()]
+    sample = _sample(lines, names_line, path)
     sample = [row for i, row in enumerate(sample) if i != 1 or len(sample) == 2 or not row.strip().isdigit()]
     found, mark = sniffed(sample, delimiter, decimal)
     has_names = header if header is not None else _is_names(sample[0], found, mark, path, names_line + 1)
     row_line = names_line + int(has_names)
     if has_names:
         row_line, stated = max((row_line, stated), _skip_count(lines, row_line))
-        if row_line == len(lines):
-            raise ReadError(f"{path} has no rows of points")
     byte = sum(len(line) for line in lines[:row_line])
     if row_line == 0 and lines[0].startswith(BOM):
         byte = len(BOM)
     return _Start(n_comments, names_line, row_line, byte, sample[0] if has_names else None, stated, found, mark)
+
+
+def _sample(lines: Sequence[bytes], start: int, path: Path) -> list[str]:
+    """Return the first rows from a line on, without empty lines; ReadError if there is none."""
+    rows = (line for line in lines[start:] if line.strip())
+    found = [decoded(line)[0] for line in islice(rows, SAMPLE)]
+    if not found:
+        raise ReadError(f"{path} has no rows of points")
+    return found
 
 
 def _trailing(body: Sequence[str], width: int, start: _Start) -> int:

@@ -114,6 +114,8 @@ class Correction:
             self._need(_is_place(place) and _is_number(line.get("line")), "line, x, y must be numbers")
         if self.action == "join_lines":
             self._need("other" in given, "other must be the line that belongs to it")
+        elif self.action == "kind_line":
+            self._need(isinstance(given.get("to"), str), f"to must be the right kind, got {given.get('to')!r}")
         if self.action not in LINE_SHAPES:
             return
         parts, number = _entries(given.get("parts")), LINE_SHAPES[self.action]
@@ -226,7 +228,8 @@ def check_values(
         f"unknown class {name!r}: use one of {', '.join(sorted(classes or ()))}",
     )
     given = correction.payload
-    places = [[given[axis] for axis in "xyz" if axis in given], *(given.get("bases") or ())]
+    places = [[line[axis] for axis in "xyz" if axis in line] for line in (given, given.get("other", {}))]
+    places += given.get("bases") or ()
     places += [vertex for part in given.get("parts", ()) for vertex in part]
     far = next((p for p in places if any(abs(float(value)) > _FARTHEST_PLACE for value in p)), None)
     correction._need(far is None, f"the place {far} is more than {_FARTHEST_PLACE:g} m from the origin")

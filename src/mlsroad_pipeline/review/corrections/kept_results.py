@@ -1,9 +1,10 @@
-"""Results of a survey as they were before a learning: kept as hard links, compared, and put back in one step."""
+"""Results of a survey as they were before each learning: kept as hard links, compared, and put back step by step."""
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,15 +23,21 @@ from mlsroad_pipeline.formats.las.records import RecordReader
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 
 KEPT = "before_learn"
-"""Folder below the state of an output that holds the results of before the last learning."""
+"""Name, before a number, of the folders below the state of an output that hold the results of before a learning."""
+
+STEPS = 5
+"""Number of learnings that can be undone."""
 
 _NOTE, _RESULTS, _RUNS = "kept.json", "results", "runs"
 _CHUNK = 2_000_000  # points that are read at once
 
 
 def keep_results(output: LabelledOutput) -> None:
-    """Keep the results of an output; those of an earlier learning are removed."""
-    place = output.path / STATE / KEPT
+    """Keep the results of an output, beside those of the last `STEPS` - 1 learnings."""
+    kept = kept_folders(output.path)
+    if kept and kept_note(output.path)["outputs"] == output.record["outputs"]:  # the learning ended without results
+        shutil.rmtree(kept.pop())
+    place = output.path / STATE / f"{KEPT}-{_number(kept[-1]) + 1 if kept else 1}"
     new = place.with_name(f"{KEPT}.new")
     shutil.rmtree(new, ignore_errors=True)
     for entry in output.record["outputs"]:
@@ -42,8 +49,19 @@ def keep_results(output: LabelledOutput) -> None:
         shutil.copytree(output.path / STATE / name, new / _RUNS / name)
     note = {"outputs": list(output.record["outputs"]), "runs": runs, "summary": output.record["summary"]}
     (new / _NOTE).write_text(json.dumps(note), encoding="utf-8")
-    shutil.rmtree(place, ignore_errors=True)
     os.replace(new, place)
+    for old in kept[: 1 - STEPS]:
+        shutil.rmtree(old)
+
+
+def kept_folders(folder: Path) -> list[Path]:
+    """Return the folders with what was kept of an output, that of the last learning last."""
+    found = [note.parent for note in (folder / STATE).glob(f"{KEPT}*/{_NOTE}")]
+    return sorted((kept for kept in found if re.fullmatch(rf"{KEPT}(-\d+)?", kept.name)), key=_number)
+
+
+def _number(kept: Path) -> int:
+    return int(kept.name.removeprefix(KEPT).removeprefix("-") or 0)  # earlier versions kept one, without a number
 
 
 def _runs(folder: Path) -> list[str]:
@@ -59,10 +77,11 @@ def _link(source: Path, target: Path) -> None:
 
 
 def kept_note(folder: Path) -> Mapping[str, Any]:
-    """Return what was kept of a folder; ReadError if nothing was."""
-    path = folder / STATE / KEPT / _NOTE
-    if not path.is_file():
-        raise ReadError(f"{folder}: no learning to undo: mlsroad learn keeps the results that it replaces")
+    """Return what was kept of a folder before the last learning; ReadError if nothing was."""
+    kept = kept_folders(folder)
+    if not kept:
+        raise ReadError(f"{folder}: no learning to undo: mlsroad learn keeps the results of the last {STEPS} learnings")
+    path = kept[-1] / _NOTE
     try:
         note: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
@@ -75,7 +94,7 @@ def put_back(folder: Path) -> None:
 
     Raises ReadError if none were kept, and DataError if a present result was edited.
     """
-    note, place = kept_note(folder), folder / STATE / KEPT
+    note, place = kept_note(folder), kept_folders(folder)[-1]
     runs = [RunFolder(str(folder / STATE / name)) for name in _runs(folder)]
     versions: dict[str, list[FileState]] = {}
     for run in runs:
@@ -110,13 +129,13 @@ def put_back(folder: Path) -> None:
 
 def changed_points(folder: Path) -> pd.DataFrame:
     """Return, by class, the points before and after the last learning, those that changed, and what most became."""
-    note = kept_note(folder)
+    note, place = kept_note(folder), kept_folders(folder)[-1]
     counts, names = np.zeros((256, 256), np.int64), dict[int, str]()
     for entry in note["outputs"]:
         name = entry["path"]
         if not name.lower().endswith(".laz") or ".copc." in name.lower():
             continue
-        old, new = folder / STATE / KEPT / _RESULTS / name, folder / name
+        old, new = place / _RESULTS / name, folder / name
         names |= class_names(read_header(old)) | class_names(read_header(new))
         counts += _moves(old, new)
     return move_table(counts, _whole(names, note["summary"], (finished_record(folder) or {}).get("summary", {})))
