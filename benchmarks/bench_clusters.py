@@ -56,10 +56,7 @@ def locate_race(n_points: int = 1_000_000) -> None:
     along = np.sort(rng.uniform(0, 2000, n_points))
     xyz = np.column_stack([along, 60 * np.sin(along / 150) + rng.uniform(-20, 20, n_points), 0 * along])
     tree = cKDTree(path.xyz[:, :2])
-    works = {
-        "mlsroad": lambda: path.locate(xyz),
-        "SciPy cKDTree, nearest vertex only": lambda: tree.query(xyz[:, :2]),
-    }
+    works = {"mlsroad": lambda: path.locate(xyz), "SciPy cKDTree, nearest vertex only": lambda: tree.query(xyz[:, :2])}
     show("station and offset", n_points, race(works, repeats=REPEATS, warm_up=1))
 
 

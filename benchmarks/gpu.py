@@ -220,12 +220,8 @@ def image_network(data: Data, dry: bool) -> Case:
         return np.concatenate([each[::EVERY, ::EVERY].reshape(-1, each.shape[2]) for each in found])
 
     truth = np.concatenate([labels[::EVERY, ::EVERY].ravel() for _, labels in test]).astype(np.int64)
-    settings = [
-        Setting(6, 12),
-        Setting(6, 12, "bfloat16"),
-        Setting(64, 8, "float32", GPU),
-        Setting(64, 8, "bfloat16", GPU),
-    ]
+    settings = [Setting(6, 12, how) for how in ("float32", "bfloat16")]
+    settings += [Setting(64, 8, how, GPU) for how in ("float32", "bfloat16")]
     return Case("image_network", train, predict, truth, small(settings, dry), True, lambda model: [model])
 
 
@@ -290,7 +286,7 @@ def train_once(case: Case, setting: Setting, place: str, device: str) -> tuple[A
     start = time.perf_counter()
     model = case.train(setting, device, clock)
     seconds = seconds_now() - start
-    memory = torch.cuda.max_memory_allocated() / 2**20 if device == "cuda" else 0.0
+    memory = torch.cuda.max_memory_allocated() / 2**20 if device == "cuda" else 0
     weights = sum(weight.numel() for network in case.networks(model) for weight in network.parameters())
     first = min(WARM_UP, len(clock.steps) - 1)
     median, wait = float(np.median(clock.steps[first:])), float(np.mean(clock.waits[min(1, first) :]))
@@ -308,8 +304,7 @@ def predict_all(case: Case, model: Any, devices: dict[str, str]) -> None:
     """Predict with the same weights on both devices and report times and differences."""
     base, slow = timed_prediction(case, model, devices["cpu"], 2)
     report(case=case.name, prediction="cpu float32", rows=len(base), seconds=slow)
-    ways: list[tuple[str, bool, Any]] = [("gpu, PyTorch's defaults", True, nullcontext)]
-    ways.append(("gpu, float32 without TF32", False, nullcontext))
+    ways = [("gpu, PyTorch's defaults", True, nullcontext), ("gpu, float32 without TF32", False, nullcontext)]
     if case.mixed:
         ways.append(("gpu, bfloat16", True, lambda: torch.autocast(devices["gpu"], torch.bfloat16)))
     for name, rounded, context in ways:

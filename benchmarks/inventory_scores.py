@@ -24,7 +24,7 @@ import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -123,8 +123,7 @@ def main() -> None:
     arguments.add_argument("--folder", type=Path, default=RESULTS / "inventory_scores")
     arguments.add_argument("--least-score", type=float, default=0.0)
     options = arguments.parse_args()
-    folder = options.folder.absolute()
-    record: dict[str, Any] = {}
+    folder, record = options.folder.absolute(), {}
     for name in options.only:
         found = {case.name: (scored(case, folder, options.least_score), case) for case in SETS[name](folder)}
         if not found:
@@ -137,8 +136,7 @@ def main() -> None:
             table[f"interval of {share}"] = [_interval(*pair) for pair in zip(table[share], size, strict=True)]
         measures = summarise_measures(pd.concat([part.errors for part in parts], ignore_index=True))
         print(f"\n{name}: {', '.join(f'{key} ({seconds:.0f} s)' for key, ((_, seconds), _) in found.items())}\n")
-        print(markdown(table.round(2)))
-        print()
+        print(markdown(table.round(2)), "\n")
         if name == "oakland":  # its elevations and heights are those of clusters of points, not of objects
             measures = measures[measures["measure"] == "position"]
         print(markdown(measures.drop(columns="bias").round(2)), flush=True)

@@ -11,6 +11,7 @@
 - semantickitti, pandaset: scans of SemanticKITTI 00 and frames of PandaSet 001, each labelled alone. The reference is
   the border between points of road or parking and of sidewalk, at most 0.5 m apart; borders to other ground are
   uncounted. Not every such border is a kerb;
+- kitti_kerbs: scans of KITTI, points of kerbs picked by hand; lines farther than 2 m from them are left out;
 - pandaset_merged: the four frames of PandaSet 001 as one cloud. The reference of markings is the shortest tree through
   the middles of points of lane lines, stop lines and other road markings, in groups of at least 1 m.
 
@@ -58,6 +59,7 @@ class Case(NamedTuple):
     wires: Places | None = None
     markings: Places | None = None
     barriers: Places | None = None
+    near: float = np.inf  # listed lines farther from the true ones are left out, metres
 
 
 def seen(kerbs: NDArray[np.float64], xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -79,8 +81,7 @@ def simulated(folder: Path) -> Iterator[Case]:
     for number, (kind, scanner) in enumerate(STREETS):
         street = simulated_street(folder, kind, scanner, FIRST_SEED + number, LENGTH)
         described = {"preset": scanner, "seed": FIRST_SEED + number, "length": LENGTH, "street": kind}
-        described["with_images"] = False
-        stream = SurveyStream(simulation_parameters(described))
+        stream = SurveyStream(simulation_parameters({**described, "with_images": False}))
         kerbs = true_kerbs(stream.street, start=-40.0, end=LENGTH + 40.0)
         kerbs[:, :3] += stream.origin
         high, counted = kerbs[:, 3] >= LEAST, np.zeros(len(kerbs), dtype=bool)
@@ -152,6 +153,14 @@ def semantickitti(_: Path) -> Iterator[Case]:
         yield Case(f"kitti_{scan.stem}", scan, (border(xyz, road, sides[0]), border(xyz, road, sides[1])))
 
 
+def kitti_kerbs(_: Path) -> Iterator[Case]:
+    """Yield the scans."""
+    for scan in sorted((DATA / "real/kitti_kerbs").glob("*.laz")):
+        points = laspy.read(scan)
+        picked = np.unique(np.round(points.xyz[np.isin(points.classification, [1, 2]), :2], 1), axis=0)
+        yield Case(scan.stem, scan, (picked, picked[:0]), near=2.0)
+
+
 def pandaset(_: Path) -> Iterator[Case]:
     """Yield the frames."""
     for frame in sorted(PANDASET.glob("*.npz")):
@@ -205,7 +214,7 @@ def middle_lines(paint: NDArray[np.float64]) -> Places:
     return places, middle[length[group] < 1.0]
 
 
-SETS = {f.__name__: f for f in (simulated, semantickitti, pandaset, pandaset_merged)}
+SETS = {f.__name__: f for f in (simulated, semantickitti, kitti_kerbs, pandaset, pandaset_merged)}
 KINDS_OF = {
     **{name: (name,) for name in ("kerbs", "wires", "barriers")},
     "markings": ("lane_lines", "stop_lines", "crossings", "other_markings"),
@@ -230,6 +239,7 @@ def scores_of(case: Case, lines: dict[str, list[NDArray[np.float64]]]) -> dict[s
         true: Places | None = getattr(case, name)
         if true is not None:
             found = places_along(lines[name], solid=name == "wires")
+            found = found[cKDTree(true[0]).query(found)[0] <= case.near]
             scores[name] = [score_lines(found, true[0], within=d, uncounted=true[1]) for d in WITHIN]
     return scores
 
@@ -256,8 +266,7 @@ def main() -> None:
     arguments.add_argument("--only", nargs="+", choices=list(SETS), default=list(SETS))
     arguments.add_argument("--folder", type=Path, default=RESULTS / "line_scores")
     options = arguments.parse_args()
-    folder = options.folder.absolute()
-    record: dict[str, dict[str, list[LineScores]]] = {}
+    folder, record = options.folder.absolute(), {}
     print("| data | lines | true, m | listed, m |" + "".join(f" found, right at {d} m |" for d in WITHIN))
     print("|---|---|---|---|" + "---|" * len(WITHIN))
     for name in options.only:
