@@ -36,8 +36,10 @@ def compared_objects(first: Recorded, second: Recorded) -> pd.DataFrame:
     """Return the states of all poles, signs and trees of two surveys in one reference system."""
     before, after = first.objects, second.objects
     pairs = pair_objects(before, after)
-    of_first = _evidence(before, pairs.left_first, first.clouds, second.clouds)
-    of_second = _evidence(after, pairs.left_second, second.clouds, first.clouds)
+    doubtful = pairs.doubtful(before, after)
+    of_first = _evidence(before, doubtful.left_first, first.clouds, second.clouds)
+    of_second = _evidence(after, doubtful.left_second, second.clouds, first.clouds)
+    pairs = pairs.proved(of_first, of_second)
     listed = np.flatnonzero(listed_changes(before, after, pairs))
     measured = MeasuredByPoints.unknown(len(pairs.first))
     of_pairs = _measured(
@@ -137,8 +139,12 @@ def _each(owner: NDArray[np.int64], n: int) -> Iterator[NDArray[np.bool_]]:
 def _evidence(
     objects: pd.DataFrame, rows: NDArray[np.int64], own: Sequence[LabelledCloud], clouds: Sequence[LabelledCloud]
 ) -> Unmatched:
-    """Return what the other survey has seen at the places of objects; places without ground are left out."""
+    """Return what the other survey has seen at the places of objects.
+
+    Places without ground there have the base of the object; those without either are left out.
+    """
     places = on_ground(objects[["x", "y"]].to_numpy(dtype=np.float64)[rows], clouds)
+    places[:, 2] = np.where(np.isnan(places[:, 2]), objects["z"].to_numpy(dtype=np.float64)[rows], places[:, 2])
     known = np.isfinite(places[:, 2])
     rows, places = rows[known], places[known]
     kind = objects["kind"].to_numpy(dtype=str)[rows]

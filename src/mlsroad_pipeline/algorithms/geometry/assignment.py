@@ -1,5 +1,7 @@
 """One-to-one assignment of places in plan."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
@@ -8,9 +10,14 @@ from scipy.spatial import cKDTree
 
 
 def assign_one_to_one(
-    first: NDArray[np.float64], second: NDArray[np.float64], reach: float
+    first: NDArray[np.float64],
+    second: NDArray[np.float64],
+    reach: float,
+    allowed: Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.bool_]] | None = None,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the assignment with the most pairs within reach and, among these, the least sum of distances.
+
+    `allowed` returns which pairs of rows may be assigned; all by default.
 
     Examples
     --------
@@ -26,6 +33,9 @@ def assign_one_to_one(
     if len(first) and len(second):
         near = cKDTree(first).sparse_distance_matrix(cKDTree(second), reach, output_type="coo_matrix")
         row, column, distance = near.row.astype(np.int64), near.col.astype(np.int64), near.data
+        if allowed is not None and len(row):
+            kept = allowed(row, column)
+            row, column, distance = row[kept], column[kept], distance[kept]
         size = len(first) + len(second)
         links = coo_array((np.ones(len(row)), (row, column + len(first))), shape=(size, size))
         group = connected_components(links, directed=False)[1][row]

@@ -42,7 +42,9 @@ def evidence(rows, empty, standing, rays=900, crossing=np.nan):
 
 def compared(first, second, *, empty=1.0, standing=0.0, rays=900, crossing=np.nan, **by_points):
     pairs = pair_objects(first, second)
-    sides = (evidence(rows, empty, standing, rays, crossing) for rows in (pairs.left_first, pairs.left_second))
+    doubtful = pairs.doubtful(first, second)
+    sides = [evidence(rows, empty, standing, rays, crossing) for rows in (doubtful.left_first, doubtful.left_second)]
+    pairs = pairs.proved(*sides)
     measured = MeasuredByPoints.unknown(len(pairs.first))
     measured = measured._replace(**{name: np.full(len(pairs.first), value) for name, value in by_points.items()})
     return changed_objects(first, second, pairs, *sides, measured)
@@ -54,17 +56,11 @@ def test_each_state_is_that_of_its_planted_case():
     )
     second = objects_of(("pole", 0.3, 0, 5.1), ("pole", 23, 0, 5.2), ("pole", 40.2, 0, 3), ("tree", 63, 0, 3))
     table = compared(first, second)
-    # The second tree is not half as high: it is no tree that moved.
-    assert table["state"].tolist() == [UNCHANGED, OTHER_KIND, MOVED, GONE, GONE, NEW]
-    assert table["evidence"].tolist() == [BY_BOTH, BY_BOTH, BY_BOTH, BY_RAYS, BY_RAYS, BY_RAYS]
-    assert table["first_id"].tolist() == [11, 13, 12, 14, 15, 0] and table["second_id"].tolist() == [
-        11,
-        13,
-        12,
-        0,
-        0,
-        14,
-    ]
+    # The second tree is not half as high: it is no tree that moved. The sign is gone, and the pole in its place is new.
+    assert table["state"].tolist() == [UNCHANGED, MOVED, GONE, GONE, GONE, NEW, NEW]
+    assert table["evidence"].tolist() == [BY_BOTH, BY_BOTH, *[BY_RAYS] * 5]
+    assert table["first_id"].tolist() == [11, 12, 13, 14, 15, 0, 0]
+    assert table["second_id"].tolist() == [11, 12, 0, 0, 0, 13, 14]
     moved = table.set_index("state").loc[MOVED]
     assert (moved["x"], moved["dx"], moved["distance"]) == pytest.approx((23, 3, 3))
 
@@ -73,9 +69,10 @@ def test_each_state_is_that_of_its_planted_case():
     ("empty", "standing", "rays", "before", "after"),
     [
         (1.0, 0.0, 900, GONE, NEW),
-        (1.0, 0.5, 900, UNSEEN_SECOND, UNSEEN_FIRST),  # half of the object is there: no proof of either
+        (1.0, 0.55, 900, UNSEEN_SECOND, UNSEEN_FIRST),  # half of the object is there: no proof of either
         (0.0, 0.9, 900, UNCHANGED, UNCHANGED),  # it stands, but is not listed
-        (0.0, 0.0, 900, GONE, NEW),  # another object stands at the place
+        (0.0, 0.29, 900, GONE, NEW),  # another object stands at the place
+        (0.0, 0.31, 900, UNSEEN_SECOND, UNSEEN_FIRST),
         (0.0, 0.0, 20, UNSEEN_SECOND, UNSEEN_FIRST),
         (1.0, np.nan, 900, GONE, NEW),  # an object that a user added has no points of its own
         (0.0, np.nan, 900, UNCHANGED, UNCHANGED),
@@ -118,15 +115,27 @@ def test_the_tilt_of_a_pole_is_the_angle_between_its_axes(before, after, angle, 
 
 def test_tilts_of_poles_whose_bases_lie_apart_are_not_compared():
     first, second = objects_of(("pole", 0, 0, 8, 2.6, 0)), objects_of(("pole", 0.45, 0, 8, 5.1, 90))
-    assert compared(first, second)["state"].tolist() == [UNCHANGED]
+    assert compared(first, second, standing=0.9)["state"].tolist() == [UNCHANGED]
 
 
-def test_trees_do_not_move():
-    first, second = (objects_of((kind, x, 0, 8)) for kind, x in (("tree", 0), ("tree", 3.5)))
-    both = compared(first, second)
-    assert sorted(both["state"]) == [GONE, NEW]
-    poles = (table.assign(kind="pole") for table in (first, second))
-    assert compared(*poles)["state"].tolist() == [MOVED]
+@pytest.mark.parametrize("kind", ["pole", "sign", "tree"])
+def test_an_object_moves_to_one_of_its_height(kind):
+    first = objects_of((kind, 0, 0, 8.0))
+    # The nearest one is lower.
+    second = objects_of((kind, 2.0, 0, 6.5), (kind, -3.5, 0, 7.9))
+    table = compared(first, second).set_index("state")
+    assert sorted(table.index) == [MOVED, NEW] and table.loc[MOVED, "x"] == -3.5
+    assert compared(first, second.iloc[:1])["state"].tolist() == [MOVED]
+    assert compared(first, second.iloc[:1].assign(height=5.0))["state"].tolist() == [GONE, NEW]
+
+
+@pytest.mark.parametrize(
+    ("distance", "standing", "states"),
+    [(0.3, 0.0, [UNCHANGED]), (0.8, 0.0, [GONE, NEW]), (0.8, 0.9, [UNCHANGED]), (0.8, 0.55, [UNCHANGED])],
+)
+def test_objects_that_lie_apart_are_two_where_neither_survey_has_the_other_one(distance, standing, states):
+    first, second = objects_of(("pole", 0, 0, 8)), objects_of(("pole", distance, 0, 4))
+    assert compared(first, second, standing=standing)["state"].tolist() == states
 
 
 def test_tilts_of_short_poles_and_of_poles_seen_to_other_heights_are_not_compared():
@@ -166,7 +175,7 @@ def test_points_refute_the_move_of_a_panel(panel, state):
 
 
 @pytest.mark.parametrize(
-    ("standing", "state", "by"), [(0.9, UNCHANGED, BY_POINTS), (0.1, OTHER_KIND, BY_BOTH), (0.5, OTHER_KIND, BY_BOTH)]
+    ("standing", "state", "by"), [(0.9, UNCHANGED, BY_POINTS), (0.31, OTHER_KIND, BY_BOTH), (0.5, OTHER_KIND, BY_BOTH)]
 )
 def test_two_kinds_whose_points_both_surveys_have_are_no_change(standing, state, by):
     first, second = objects_of(("pole", 0, 0, 4)), objects_of(("sign", 0.3, 0, 4))
@@ -178,7 +187,7 @@ def test_two_kinds_whose_points_both_surveys_have_are_no_change(standing, state,
     ("options", "reason"),
     [
         ({}, "the second survey has points at 0% of it; 900 rays of the second survey cross its place"),
-        ({"empty": 0.3, "standing": 0.5}, "900 rays of the second survey cross its place (30% of it empty): no proof"),
+        ({"empty": 0.3, "standing": 0.55}, "900 rays of the second survey cross its place (30% of it empty): no proof"),
         ({"empty": 0.0, "standing": 0.9}, "has points at 90% of it"),
     ],
 )

@@ -1,14 +1,23 @@
 """Objects of two surveys: unchanged, changed, moved, new, gone, or not visible in one of them."""
 
 from collections.abc import Hashable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.geometry.assignment import assign_one_to_one
-from mlsroad_pipeline.algorithms.inventory.register.states import EMPTY, MOVED_REACH, REACH, Evidence
+from mlsroad_pipeline.algorithms.inventory.register.states import (
+    EMPTY,
+    MOVED_REACH,
+    REACH,
+    Evidence,
+    assigned,
+    height_ratio,
+    other_kind,
+    same_kind,
+)
 
 UNCHANGED, CHANGED, MOVED, OTHER_KIND, NEW, GONE = "unchanged", "changed", "moved", "different kind", "new", "gone"
 UNSEEN_FIRST, UNSEEN_SECOND = "not visible in the first", "not visible in the second"
@@ -17,25 +26,23 @@ STATES = (UNCHANGED, CHANGED, MOVED, OTHER_KIND, NEW, GONE, UNSEEN_FIRST, UNSEEN
 BY_BOTH, BY_POINTS, BY_RAYS = "objects", "points", "rays"
 """Evidence of a state: an object in each survey, points in the other survey, rays of its scanner."""
 
-SAME_HEIGHT = 0.25
-"""Largest relative difference of the heights of an object that moved."""
-STANDS, IS_GONE = 0.6, 0.4
+SAME_HEIGHT = (0.9, 0.75)
+"""Least ratios of the heights of an object that moved; the first pairs are those of the first."""
+STANDS, IS_GONE = 0.6, 0.5
 """Share of the volume of an object that has points in the other survey: from `STANDS` on it stands there, above
 `IS_GONE` it is not gone."""
-BARE, MANY_RAYS = 0.15, 300
-"""Largest such share of an object that is gone although something else stands at its place, and the fewest rays through
-the place that prove it."""
+BARE, BESIDE, MANY_RAYS = 0.15, 0.3, 300
+"""Largest such share of an object that is gone although points of its kind, or of other upright kinds, are at its
+place, and the fewest rays through the place that prove it."""
 FEWEST_CROSSING = 10
 """Fewest rays through a panel that prove that it is not there: a plate seen along its plane has no points."""
-LEAST_CHANGE = {"tilt": 0.8, "height": 0.5, "panel_bottom": 0.5}
+LEAST_CHANGE = {"tilt": 0.6, "height": 0.5, "panel_bottom": 0.5}
 """Smallest change of a measure: tilt in degrees, others in metres."""
 LEAST_SHARE = {"height": 0.05}
 """Smallest change of a measure as a share of it."""
-LEAST_TURN, LEAST_AGREED, LEAST_GROWTH, PANEL_STAYS = 0.7, 0.4, 0.25, 0.7
+LEAST_TURN, LEAST_AGREED, LEAST_GROWTH, PANEL_STAYS = 0.6, 0.4, 0.25, 0.7
 """Least turn of an axis that points show (degrees; share of the listed turn), least growth of a crown (metres), and the
 share of the points between two lower edges of a panel from which both surveys have it."""
-MOVABLE = ("pole", "sign")
-"""Kinds whose objects can move; a tree elsewhere is another tree."""
 MEASURED = {"tilt": ("pole",), "height": ("tree",), "panel_bottom": ("sign",)}
 """Measures to the kinds whose changes are reported."""
 LEAST_POLE, ALIKE, SAME_BASE = 3.0, 0.15, 0.4
@@ -55,8 +62,9 @@ class Unmatched(NamedTuple):
     @property
     def is_empty(self) -> NDArray[np.bool_]:
         """Objects that do not stand in the other survey."""
+        most = np.where(self.evidence.own, BARE, np.where(self.evidence.other, BESIDE, IS_GONE))
         empty = (self.evidence.empty_share >= EMPTY) & ~(self.standing > IS_GONE)
-        empty |= (self.rays >= MANY_RAYS) & (self.standing <= BARE)
+        empty |= (self.rays >= MANY_RAYS) & (self.standing <= most)
         return empty & ~(self.crossing < FEWEST_CROSSING)
 
     @property
@@ -86,22 +94,27 @@ class Pairs(NamedTuple):
     left_first: NDArray[np.int64]
     left_second: NDArray[np.int64]
 
+    def doubtful(self, first: pd.DataFrame, second: pd.DataFrame) -> "Pairs":
+        """Return the objects that need evidence as those without a pair: also those of pairs that lie apart."""
+        ends = [t[["x", "y"]].to_numpy(np.float64)[rows] for t, rows in ((first, self.first), (second, self.second))]
+        return self._without(np.hypot(*(ends[1] - ends[0]).T) > SAME_BASE)
+
+    def proved(self, of_first: Unmatched, of_second: Unmatched) -> "Pairs":
+        """Return the pairs but for those of which neither survey has the object of the other one."""
+        gone = np.isin(self.first, of_first.rows[of_first.is_empty])
+        return self._without(gone & np.isin(self.second, of_second.rows[of_second.is_empty]))
+
+    def _without(self, apart: NDArray[np.bool_]) -> "Pairs":
+        kept = self.first[~apart], self.second[~apart]
+        left = zip((self.left_first, self.left_second), (self.first[apart], self.second[apart]), strict=True)
+        return Pairs(*kept, *(np.sort(np.concatenate(own)) for own in left))
+
 
 def pair_objects(first: pd.DataFrame, second: pd.DataFrame) -> Pairs:
     """Match objects of one kind within `REACH` in plan, one to one."""
-    a, b = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-    for kind in sorted(set(first["kind"]) & set(second["kind"])):
-        own, other = (np.flatnonzero((table["kind"] == kind).to_numpy()) for table in (first, second))
-        i, j = assign_one_to_one(_places(first)[own], _places(second)[other], REACH[kind])
-        a.append(own[i])
-        b.append(other[j])
-    rows = np.concatenate(a), np.concatenate(b)
+    rows = assigned(first, second, max(REACH.values()), same_kind)
     left = (np.setdiff1d(np.arange(len(table)), own) for table, own in zip((first, second), rows, strict=True))
     return Pairs(*rows, *left)
-
-
-def _places(table: pd.DataFrame) -> NDArray[np.float64]:
-    return table[["x", "y"]].to_numpy(dtype=np.float64)
 
 
 def changed_objects(
@@ -142,9 +155,16 @@ def changed_objects(
         state[name][left] = unseen
         state[name][found.rows[found.is_empty]] = gone
         state[name][found.rows[found.stands]] = UNCHANGED
+    state["first"][pairs.first] = state["second"][pairs.second] = ""
     taken = {name: np.zeros(len(own), dtype=np.bool_) for name, own in state.items()}
-    for reach, same, kept in ((min(REACH.values()), False, OTHER_KIND), (MOVED_REACH, True, MOVED)):
-        for i, j in _further_pairs(first, second, state, taken, reach, same_kind=same):
+    further = [(MOVED_REACH, partial(_has_moved, least_ratio=ratio), MOVED) for ratio in SAME_HEIGHT]
+    for reach, allowed, kept in (*further, (min(REACH.values()), _is_other_kind, OTHER_KIND)):
+        left = [
+            table.assign(row=np.arange(len(table)), state=state[name])[(state[name] != "") & ~taken[name]]
+            for name, table in (("first", first), ("second", second))
+        ]
+        pairs_left = (t["row"].to_numpy()[k] for t, k in zip(left, assigned(*left, reach, allowed), strict=True))
+        for i, j in zip(*pairs_left, strict=True):
             # Both stand in both surveys: the kind is another one of the labels, not of the object.
             stand = kept == OTHER_KIND and state["first"][i] == state["second"][j] == UNCHANGED
             rows.append((i, j, *((UNCHANGED, BY_POINTS) if stand else (kept, BY_BOTH))))
@@ -197,33 +217,15 @@ def _reason(row: dict[Hashable, Any]) -> str:
     return found + rays + proof
 
 
-def _further_pairs(
-    first: pd.DataFrame,
-    second: pd.DataFrame,
-    state: dict[str, NDArray[np.object_]],
-    taken: dict[str, NDArray[np.bool_]],
-    reach: float,
-    *,
-    same_kind: bool,
-) -> list[tuple[int, int]]:
-    """Return pairs of the objects without a match: of another kind at one place, or gone here and new there."""
-    pairs = []
-    for kind in sorted(set(first["kind"]) & set(MOVABLE)) if same_kind else sorted(set(first["kind"])):
-        own = (first["kind"] == kind).to_numpy() & ~taken["first"]
-        other = ((second["kind"] == kind).to_numpy() == same_kind) & ~taken["second"]
-        # Only what is proved to be gone has moved; its new place may have been hidden before.
-        own &= (state["first"] == GONE) if same_kind else (state["first"] != "")
-        other &= np.isin(state["second"], (NEW, UNSEEN_FIRST)) if same_kind else (state["second"] != "")
-        a, b = np.flatnonzero(own), np.flatnonzero(other)
-        i, j = assign_one_to_one(_places(first)[a], _places(second)[b], reach)
-        i, j = a[i], b[j]
-        if same_kind:
-            heights = first["height"].to_numpy()[i], second["height"].to_numpy()[j]
-            like = np.abs(heights[0] - heights[1]) <= SAME_HEIGHT * np.maximum(*heights)
-            i, j = i[like], j[like]
-        taken["second"][j] = True  # another kind does not take it too
-        pairs += list(zip(i.tolist(), j.tolist(), strict=True))
-    return pairs
+def _has_moved(first: pd.DataFrame, second: pd.DataFrame, *, least_ratio: float) -> pd.Series:
+    """Return which pairs can be one object that moved: its old place is empty; the new one may have been hidden."""
+    alike = (first["kind"] == second["kind"]) & (height_ratio(first, second) >= least_ratio)
+    return alike & (first["state"] == GONE) & second["state"].isin((NEW, UNSEEN_FIRST))
+
+
+def _is_other_kind(first: pd.DataFrame, second: pd.DataFrame) -> pd.Series:
+    """Return which pairs are of different kinds; what is proved to be gone or new is not the other object."""
+    return other_kind(first, second) & (first["state"] != GONE) & (second["state"] != NEW)
 
 
 def _table(first: pd.DataFrame, second: pd.DataFrame, rows: list[tuple[int, int, str, str]]) -> pd.DataFrame:

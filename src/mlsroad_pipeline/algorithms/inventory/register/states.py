@@ -1,5 +1,6 @@
 """States of the entries of a register: confirmed, moved, of another kind, gone, not visible; objects that are new."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +21,8 @@ REACH = {"pole": 1.0, "sign": 1.0, "tree": 1.5}
 """Largest distance in plan of an entry and the object that confirms it, metres."""
 MOVED_REACH = 5.0
 """Largest distance of an entry that moved, metres."""
-SAME_HEIGHT = 0.2
-"""Largest relative difference of the heights of an entry and the object that it surely moved to."""
+SAME_HEIGHT = 0.8
+"""Least ratio of the heights of an entry and the object that it surely moved to."""
 OTHER_HEIGHT = 0.5
 """Least ratio of the heights of an entry and an object of another kind at its place."""
 RADIUS = {"pole": 0.5, "sign": 0.5, "tree": 0.7}
@@ -51,12 +52,45 @@ class Matches(NamedTuple):
     used: NDArray[np.bool_]
 
 
+def assigned(
+    first: pd.DataFrame, second: pd.DataFrame, reach: float, allowed: Callable[[pd.DataFrame, pd.DataFrame], pd.Series]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the positions of rows that are assigned one to one, of pairs within reach in plan that are allowed."""
+
+    def may(i: NDArray[np.int64], j: NDArray[np.int64]) -> NDArray[np.bool_]:
+        pairs = (table.iloc[rows].reset_index(drop=True) for table, rows in ((first, i), (second, j)))
+        return allowed(*pairs).to_numpy(dtype=np.bool_)
+
+    places = (table[["x", "y"]].to_numpy(dtype=np.float64) for table in (first, second))
+    return assign_one_to_one(*places, reach, may)
+
+
+def same_kind(first: pd.DataFrame, second: pd.DataFrame) -> pd.Series:
+    """Return which pairs are of one kind, within its `REACH`."""
+    distance = np.hypot(first["x"] - second["x"], first["y"] - second["y"])
+    return (first["kind"] == second["kind"]) & (distance <= first["kind"].map(REACH))
+
+
+def other_kind(first: pd.DataFrame, second: pd.DataFrame) -> pd.Series:
+    """Return which pairs are of different kinds and may be one object.
+
+    Other heights: a neighbour that hides the object, such as the tree around a lamp. Unknown ones prove nothing.
+    """
+    return (first["kind"] != second["kind"]) & ~(height_ratio(first, second) < OTHER_HEIGHT)
+
+
+def height_ratio(first: pd.DataFrame, second: pd.DataFrame) -> pd.Series:
+    """Return the ratio of the lower to the larger height of pairs; NaN where one is not known."""
+    heights = [table["height"].astype(np.float64) for table in (first, second)]
+    return np.minimum(*heights) / np.maximum(*heights)
+
+
 def confirm(entries: pd.DataFrame, objects: pd.DataFrame) -> Matches:
     """Match entries with objects of their kind within `REACH`, one to one."""
     state, row = np.full(len(entries), "", dtype=object), np.full(len(entries), -1, dtype=np.int64)
-    used = np.zeros(len(objects), dtype=np.bool_)
-    _match(entries, objects, Matches(state, row, used), CONFIRMED, REACH)
-    return Matches(state, row, used)
+    matches = Matches(state, row, np.zeros(len(objects), dtype=np.bool_))
+    _match(entries, objects, matches, CONFIRMED, max(REACH.values()), same_kind, of_states=("",))
+    return matches
 
 
 def _match(
@@ -64,27 +98,23 @@ def _match(
     objects: pd.DataFrame,
     matches: Matches,
     state: str,
-    reach: dict[str, float] | float,
+    reach: float,
+    allowed: Callable[[pd.DataFrame, pd.DataFrame], pd.Series],
     *,
-    of_states: tuple[str, ...] = ("", NOT_FOUND, NOT_VISIBLE),
-    alike: float = np.inf,
+    of_states: tuple[str, ...] = (NOT_FOUND, NOT_VISIBLE),
 ) -> None:
-    """Match free entries with free objects of the same kind, in place.
+    """Match entries of some states with free objects, in place."""
+    own, free = np.flatnonzero(np.isin(matches.state, of_states)), np.flatnonzero(~matches.used)
+    a, b = assigned(entries.iloc[own], objects.iloc[free], reach, allowed)
+    matches.state[own[a]], matches.row[own[a]], matches.used[free[b]] = state, free[b], True
 
-    `alike` is the largest relative difference of their heights; unknown heights are never alike.
-    """
-    places, found = (table[["x", "y"]].to_numpy(dtype=np.float64) for table in (entries, objects))
-    for kind in sorted(set(entries["kind"]) & set(objects["kind"])):
-        own = np.flatnonzero((entries["kind"] == kind).to_numpy() & np.isin(matches.state, of_states))
-        free = np.flatnonzero((objects["kind"] == kind).to_numpy() & ~matches.used)
-        limit = reach[kind] if isinstance(reach, dict) else reach
-        a, b = assign_one_to_one(places[own], found[free], limit)
-        if np.isfinite(alike):
-            heights = (t["height"].to_numpy(np.float64)[r] for t, r in ((entries, own[a]), (objects, free[b])))
-            before, after = heights
-            close = np.abs(before - after) <= alike * np.maximum(before, after)
-            a, b = a[close], b[close]
-        matches.state[own[a]], matches.row[own[a]], matches.used[free[b]] = state, free[b], True
+
+def _moved(entries: pd.DataFrame, objects: pd.DataFrame) -> pd.Series:
+    return entries["kind"] == objects["kind"]
+
+
+def _surely_moved(entries: pd.DataFrame, objects: pd.DataFrame) -> pd.Series:
+    return _moved(entries, objects) & (height_ratio(entries, objects) >= SAME_HEIGHT)
 
 
 class Evidence(NamedTuple):
@@ -148,12 +178,12 @@ def decide(
     by[state == ""], state[state == ""] = BY_RAYS, NOT_VISIBLE
     state[rows[evidence.empty_share >= EMPTY]] = NOT_FOUND
     # An object on which another entry hangs, such as a sign on a lamp, is first that of the entry of its kind.
-    _match(entries, objects, found, MOVED, MOVED_REACH, of_states=(NOT_FOUND,), alike=SAME_HEIGHT)
-    _match_other_kinds(entries, objects, found)
+    _match(entries, objects, found, MOVED, MOVED_REACH, _surely_moved, of_states=(NOT_FOUND,))
+    _match(entries, objects, found, OTHER_KIND, min(REACH.values()), other_kind)
     for standing, points in ((evidence.own, BY_POINTS), (evidence.other, BY_OTHERS)):
         confirmed = rows[standing & np.isin(state[rows], (NOT_FOUND, NOT_VISIBLE))]
         state[confirmed], by[confirmed] = CONFIRMED, points
-    _match(entries, objects, found, MOVED, MOVED_REACH)
+    _match(entries, objects, found, MOVED, MOVED_REACH, _moved)
     by[found.row >= 0] = BY_OBJECT
     numbers = {"empty_share": np.full(len(state), np.nan), "points": np.zeros(len(state)), "rays": np.zeros(len(state))}
     for name, values in zip(numbers, (evidence.empty_share, evidence.own_points, rays), strict=True):
@@ -164,19 +194,6 @@ def decide(
     columns |= {"object_id": new["object_id"], "object_kind": new["kind"], "object_height": new["height"]}
     joined = pd.concat([table, pd.DataFrame(columns)], ignore_index=True)
     return joined.assign(**{name: joined[name].fillna(0).astype(np.int64) for name in ("points", "rays")})
-
-
-def _match_other_kinds(entries: pd.DataFrame, objects: pd.DataFrame, matches: Matches) -> None:
-    """Match entries that are gone or not visible with free objects of another kind within the least `REACH`."""
-    own = np.flatnonzero(np.isin(matches.state, (NOT_FOUND, NOT_VISIBLE)))
-    free = np.flatnonzero(~matches.used)
-    places, found = (table[["x", "y"]].to_numpy(dtype=np.float64) for table in (entries, objects))
-    a, b = assign_one_to_one(places[own], found[free], min(REACH.values()))
-    heights = [t["height"].to_numpy(np.float64)[r] for t, r in ((entries, own[a]), (objects, free[b]))]
-    # Other heights: a neighbour that hides the object, such as the tree around a lamp. Unknown ones prove nothing.
-    near = ~(np.minimum(*heights) < OTHER_HEIGHT * np.maximum(*heights))
-    a, b = a[near], b[near]
-    matches.state[own[a]], matches.row[own[a]], matches.used[free[b]] = OTHER_KIND, free[b], True
 
 
 def _with_objects(table: pd.DataFrame, objects: pd.DataFrame, row: NDArray[np.int64]) -> pd.DataFrame:
