@@ -66,6 +66,16 @@ def test_each_state_is_that_of_its_planted_case():
     assert table["rays"].tolist()[3:] == [99, 99, 0]
 
 
+def test_objects_of_like_height_are_assigned_first():
+    # The entry of the low tree takes neither the high tree beside it, which is that of an entry that moved, nor the
+    # lamp: its plate is as high.
+    entries = entries_of(("tree", 0, 0, 3.0), ("tree", 4, 0, 9.0), ("pole", 20, 0, 3.0), ("pole", 40, 0, 3.0))
+    objects = objects_of(("tree", 0.8, 0, 9.0), ("pole", 20.1, 0, 9.0), ("sign", 20.3, 0, 3.0), ("pole", 40, 0.5, 9.0))
+    table = decided(entries, objects, free_everywhere)
+    assert table["state"].tolist() == [NOT_FOUND, MOVED, OTHER_KIND, CONFIRMED, NEW]
+    assert table["object_id"].tolist() == [0, 11, 13, 14, 12]
+
+
 def test_unseen_entries_are_not_visible():
     table = decided(entries_of(("pole", 0, 0, 5.0), ("tree", 9, 9, np.nan)), objects_of())
     assert table["state"].tolist() == [NOT_VISIBLE, NOT_VISIBLE] and table["rays"].tolist() == [0, 0]

@@ -22,7 +22,7 @@ REACH = {"pole": 1.0, "sign": 1.0, "tree": 1.5}
 MOVED_REACH = 5.0
 """Largest distance of an entry that moved, metres."""
 SAME_HEIGHT = 0.8
-"""Least ratio of the heights of an entry and the object that it surely moved to."""
+"""Least ratio of the heights of an entry and its object, where these are first choice."""
 OTHER_HEIGHT = 0.5
 """Least ratio of the heights of an entry and an object of another kind at its place."""
 RADIUS = {"pole": 0.5, "sign": 0.5, "tree": 0.7}
@@ -86,10 +86,10 @@ def height_ratio(first: pd.DataFrame, second: pd.DataFrame) -> pd.Series:
 
 
 def confirm(entries: pd.DataFrame, objects: pd.DataFrame) -> Matches:
-    """Match entries with objects of their kind within `REACH`, one to one."""
+    """Match entries with objects of their kind and height within `REACH`, one to one."""
     state, row = np.full(len(entries), "", dtype=object), np.full(len(entries), -1, dtype=np.int64)
     matches = Matches(state, row, np.zeros(len(objects), dtype=np.bool_))
-    _match(entries, objects, matches, CONFIRMED, max(REACH.values()), same_kind, of_states=("",))
+    _match(entries, objects, matches, CONFIRMED, max(REACH.values()), _alike, of_states=("",))
     return matches
 
 
@@ -107,6 +107,14 @@ def _match(
     own, free = np.flatnonzero(np.isin(matches.state, of_states)), np.flatnonzero(~matches.used)
     a, b = assigned(entries.iloc[own], objects.iloc[free], reach, allowed)
     matches.state[own[a]], matches.row[own[a]], matches.used[free[b]] = state, free[b], True
+
+
+def _alike(entries: pd.DataFrame, objects: pd.DataFrame) -> pd.Series:
+    return same_kind(entries, objects) & ~(height_ratio(entries, objects) < SAME_HEIGHT)
+
+
+def _alike_other(entries: pd.DataFrame, objects: pd.DataFrame) -> pd.Series:
+    return (entries["kind"] != objects["kind"]) & (height_ratio(entries, objects) >= SAME_HEIGHT)
 
 
 def _moved(entries: pd.DataFrame, objects: pd.DataFrame) -> pd.Series:
@@ -177,12 +185,18 @@ def decide(
     state, by = found.state, np.full(len(entries), BY_OBJECT, dtype=object)
     by[state == ""], state[state == ""] = BY_RAYS, NOT_VISIBLE
     state[rows[evidence.empty_share >= EMPTY]] = NOT_FOUND
+
+    def confirm_standing(standing: NDArray[np.bool_], points: str) -> None:
+        own = rows[standing & np.isin(state[rows], (NOT_FOUND, NOT_VISIBLE))]
+        state[own], by[own] = CONFIRMED, points
+
     # An object on which another entry hangs, such as a sign on a lamp, is first that of the entry of its kind.
     _match(entries, objects, found, MOVED, MOVED_REACH, _surely_moved, of_states=(NOT_FOUND,))
+    _match(entries, objects, found, OTHER_KIND, min(REACH.values()), _alike_other)
+    _match(entries, objects, found, CONFIRMED, max(REACH.values()), same_kind)
+    confirm_standing(evidence.own, BY_POINTS)
     _match(entries, objects, found, OTHER_KIND, min(REACH.values()), other_kind)
-    for standing, points in ((evidence.own, BY_POINTS), (evidence.other, BY_OTHERS)):
-        confirmed = rows[standing & np.isin(state[rows], (NOT_FOUND, NOT_VISIBLE))]
-        state[confirmed], by[confirmed] = CONFIRMED, points
+    confirm_standing(evidence.other, BY_OTHERS)
     _match(entries, objects, found, MOVED, MOVED_REACH, _moved)
     by[found.row >= 0] = BY_OBJECT
     numbers = {"empty_share": np.full(len(state), np.nan), "points": np.zeros(len(state)), "rays": np.zeros(len(state))}
