@@ -25,19 +25,13 @@ from _common import RESULTS, markdown, mlsroad, parser
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mlsroad_pipeline.algorithms.inventory.register.states import (
-    CONFIRMED,
-    MOVED,
-    NEW,
-    NOT_FOUND,
-    NOT_VISIBLE,
-    OTHER_KIND,
-)
+from mlsroad_pipeline.algorithms.inventory.register.states import STATES
 from mlsroad_pipeline.label.register import compare_register
 from mlsroad_pipeline.review.corrections.labelled_output import LabelledOutput
 from mlsroad_pipeline.surveys.register_files import RegisterFile
 from mlsroad_pipeline.surveys.truth_tables import counted_objects, point_counts, read_truth
 
+CONFIRMED, MOVED, OTHER_KIND, NOT_FOUND, NOT_VISIBLE, NEW = STATES
 SEEDS = range(51, 59)
 SHIFT, NOISE, SHARE = np.array([0.8, -0.6]), 0.15, 0.05
 LEAST = {"pole": 20, "sign": 10, "tree": 20}
@@ -123,7 +117,8 @@ def absent_entries(street: Street, count: int, rng: np.random.Generator) -> pd.D
 def compared(folder: Path, seed: int) -> tuple[pd.DataFrame, int, int]:
     """Return the entries of a street with their states, and how many left-out objects are new, of how many."""
     place, results = street_of(folder, seed), folder / f"t{seed}_mlsroad"
-    mlsroad("label", place, "-o", results)
+    if not (results / "inventory.gpkg").is_file():
+        mlsroad("label", place, "-o", results)
     output = LabelledOutput.at(results)
     street, rng = read_street(place, list(output.clouds().values())), np.random.default_rng(seed)
     entries, out = planted_errors(street, rng)
@@ -156,9 +151,7 @@ def main() -> None:
         for name, part in table.groupby(column, sort=True)
     ]
     absent = table[table["expected"].isin((NOT_FOUND, NOT_VISIBLE))]
-    rows.append(
-        {"entries by": "absent", "": "", "entries": len(absent), "right": round(float(absent["right"].mean()), 3)}
-    )
+    rows += [{"entries by": "absent", "": "", "entries": len(absent), "right": round(float(absent["right"].mean()), 3)}]
     print(markdown(pd.DataFrame(rows)))
     print(markdown(pd.crosstab(table["expected"], table["state"]).reset_index()))
     print(f"Objects that the registers leave out and that are new: {sum(new)} of {sum(out)}")

@@ -12,6 +12,7 @@ from mlsroad_pipeline.algorithms.inventory.register.states import (
     EMPTY,
     MOVED_REACH,
     REACH,
+    Allowed,
     Evidence,
     assigned,
     height_ratio,
@@ -156,22 +157,10 @@ def changed_objects(
         state[name][found.rows[found.is_empty]] = gone
         state[name][found.rows[found.stands]] = UNCHANGED
     state["first"][pairs.first] = state["second"][pairs.second] = ""
-    taken = {name: np.zeros(len(own), dtype=np.bool_) for name, own in state.items()}
-    further = [(MOVED_REACH, partial(_has_moved, least_ratio=ratio), MOVED) for ratio in SAME_HEIGHT]
-    for reach, allowed, kept in (*further, (min(REACH.values()), _is_other_kind, OTHER_KIND)):
-        left = [
-            table.assign(row=np.arange(len(table)), state=state[name])[(state[name] != "") & ~taken[name]]
-            for name, table in (("first", first), ("second", second))
-        ]
-        pairs_left = (t["row"].to_numpy()[k] for t, k in zip(left, assigned(*left, reach, allowed), strict=True))
-        for i, j in zip(*pairs_left, strict=True):
-            # Both stand in both surveys: the kind is another one of the labels, not of the object.
-            stand = kept == OTHER_KIND and state["first"][i] == state["second"][j] == UNCHANGED
-            rows.append((i, j, *((UNCHANGED, BY_POINTS) if stand else (kept, BY_BOTH))))
-            taken["first"][i] = taken["second"][j] = True
-    for name, left in (("first", pairs.left_first), ("second", pairs.left_second)):
-        for row in left[~taken[name][left]]:
-            text = str(state[name][row])
+    rows += _further_rows(first, second, state)
+    for name, own in state.items():
+        for row in np.flatnonzero(own != "").tolist():
+            text = str(own[row])
             ends = (row, -1) if name == "first" else (-1, row)
             rows.append((*ends, text, BY_POINTS if text == UNCHANGED else BY_RAYS))
     table = _with_changes(_table(first, second, rows), measured)
@@ -215,6 +204,27 @@ def _reason(row: dict[Hashable, Any]) -> str:
     found = "" if np.isnan(share) else f"the {other} survey has points at {share:.0%} of it; "
     proof = "" if state in (UNCHANGED, NEW, GONE) else f" ({row['empty_share']:.0%} of it empty): no proof"
     return found + rays + proof
+
+
+def _further_rows(
+    first: pd.DataFrame, second: pd.DataFrame, state: dict[str, NDArray[np.object_]]
+) -> list[tuple[int, int, str, str]]:
+    """Return pairs of objects without a match, moved or of different kinds, and take their states out in place."""
+    rows = []
+    steps: list[tuple[float, Allowed, str]] = [
+        *((MOVED_REACH, partial(_has_moved, least_ratio=ratio), MOVED) for ratio in SAME_HEIGHT),
+        (min(REACH.values()), _is_other_kind, OTHER_KIND),
+    ]
+    for reach, allowed, kept in steps:
+        own, other = np.flatnonzero(state["first"] != ""), np.flatnonzero(state["second"] != "")
+        before, after = first.assign(state=state["first"]), second.assign(state=state["second"])
+        i, j = assigned(before.iloc[own], after.iloc[other], reach, allowed)
+        for one, two in zip(own[i].tolist(), other[j].tolist(), strict=True):
+            # Both stand in both surveys: the kind is another one of the labels, not of the object.
+            stand = kept == OTHER_KIND and state["first"][one] == state["second"][two] == UNCHANGED
+            rows.append((one, two, *((UNCHANGED, BY_POINTS) if stand else (kept, BY_BOTH))))
+        state["first"][own[i]] = state["second"][other[j]] = ""
+    return rows
 
 
 def _has_moved(first: pd.DataFrame, second: pd.DataFrame, *, least_ratio: float) -> pd.Series:

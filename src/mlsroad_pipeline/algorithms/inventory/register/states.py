@@ -44,6 +44,10 @@ EMPTY = 0.8
 """Share of the columns without a shaft from which nothing stands at a place."""
 
 
+Allowed = Callable[[pd.DataFrame, pd.DataFrame], pd.Series]
+"""Function that returns which pairs, given as two tables of equal length, may be assigned."""
+
+
 class Matches(NamedTuple):
     """State of each entry so far (empty: none), row of its object or -1, and which objects have an entry."""
 
@@ -53,7 +57,7 @@ class Matches(NamedTuple):
 
 
 def assigned(
-    first: pd.DataFrame, second: pd.DataFrame, reach: float, allowed: Callable[[pd.DataFrame, pd.DataFrame], pd.Series]
+    first: pd.DataFrame, second: pd.DataFrame, reach: float, allowed: Allowed
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the positions of rows that are assigned one to one, of pairs within reach in plan that are allowed."""
 
@@ -61,8 +65,8 @@ def assigned(
         pairs = (table.iloc[rows].reset_index(drop=True) for table, rows in ((first, i), (second, j)))
         return allowed(*pairs).to_numpy(dtype=np.bool_)
 
-    places = (table[["x", "y"]].to_numpy(dtype=np.float64) for table in (first, second))
-    return assign_one_to_one(*places, reach, may)
+    places = [table[["x", "y"]].to_numpy(dtype=np.float64) for table in (first, second)]
+    return assign_one_to_one(places[0], places[1], reach, may)
 
 
 def same_kind(first: pd.DataFrame, second: pd.DataFrame) -> pd.Series:
@@ -81,8 +85,8 @@ def other_kind(first: pd.DataFrame, second: pd.DataFrame) -> pd.Series:
 
 def height_ratio(first: pd.DataFrame, second: pd.DataFrame) -> pd.Series:
     """Return the ratio of the lower to the larger height of pairs; NaN where one is not known."""
-    heights = [table["height"].astype(np.float64) for table in (first, second)]
-    return np.minimum(*heights) / np.maximum(*heights)
+    ratio = first["height"].astype(np.float64) / second["height"].astype(np.float64)
+    return ratio.where(ratio <= 1, 1 / ratio)
 
 
 def confirm(entries: pd.DataFrame, objects: pd.DataFrame) -> Matches:
@@ -99,7 +103,7 @@ def _match(
     matches: Matches,
     state: str,
     reach: float,
-    allowed: Callable[[pd.DataFrame, pd.DataFrame], pd.Series],
+    allowed: Allowed,
     *,
     of_states: tuple[str, ...] = (NOT_FOUND, NOT_VISIBLE),
 ) -> None:
