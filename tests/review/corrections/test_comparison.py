@@ -24,13 +24,13 @@ from mlsroad_pipeline.review.corrections.learning import Learned, train_on
 NO_OBJECTS = pd.DataFrame({"kind": [], "before": [], "after": []})
 
 
-def compared(before, after, *, lost=0, voxels=1000):
+def compared(before, after, *, lost=0, voxels=1000, changed=0.1):
     answers = pd.DataFrame({"class": "tree", "before": before, "after": after}, dtype=object)
     answers = answers.astype({"before": float, "after": float})
     rest = pd.DataFrame(
         {"class": ["road", "wall"], "voxels": [voxels, 50], "changed": [lost, 50], "to": ["car", "tree"]}
     )
-    return Comparison(answers, NO_OBJECTS, rest, 0.004)
+    return Comparison(answers, NO_OBJECTS, rest, changed)
 
 
 def test_answers_of_a_class_are_dealt_over_all_folds():
@@ -61,7 +61,26 @@ def test_the_verdict_weighs_held_out_answers_and_the_rest(before, after, lost, v
     assert ("fewer than 8 answers" in reason) == (not before)
     assert (f"{lost / 1000:.0%} of the sure road without an answer become car" in reason) == (lost > 50)
     assert "wall" not in reason  # too few voxels
-    assert reason.endswith("0.4% of the voxels without an answer change class")
+    assert reason.endswith("10.0% of the voxels without an answer change class")
+    assert ("of the other voxels become right if they gain like these answers" in reason) == bool(before)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "changed", "verdict"),
+    [
+        ([0.2] * 10, [0.9] * 10, 0.004, SAME),  # hardly a voxel changes
+        ([0.2] * 10, [0.9] * 10, 0.02, BETTER),
+        ([0.5] * 10, [1.0] * 6 + [0.2] * 4, 0.2, SAME),  # the interval includes zero
+        ([0.5] * 30, [1.0] * 24 + [0.2] * 6, 0.2, BETTER),
+    ],
+)
+def test_a_better_model_makes_a_share_of_the_survey_right_beyond_chance(before, after, changed, verdict):
+    found = compared(before, after, changed=changed)
+    assert found.verdict()[0] == verdict
+    low, high = found.expected()
+    gain = np.subtract(after, before)
+    reach = 1.645 * gain.std() / np.sqrt(len(gain))  # of normally distributed means
+    assert np.divide([low, high], changed) == pytest.approx([gain.mean() - reach, gain.mean() + reach], abs=0.08)
 
 
 def test_changes_of_sure_voxels_are_counted_by_class():

@@ -25,6 +25,10 @@ TOLERATED, LOST, LEAST_SURE = 0.02, 0.05, 100
 """Mean share of right voxels that may be lost without a gain, share of the sure voxels of a class from which it is
 named, and fewest sure voxels of a class."""
 
+LEAST_GAIN, DRAWS, TAIL = 0.005, 2000, 0.05
+"""Least share of the unanswered voxels that must become right for a better model, number of draws of the held-out
+answers for the interval of this share, and probability of each tail outside the interval."""
+
 BETTER, WORSE, SAME = "better", "worse", "no difference"
 
 
@@ -42,7 +46,8 @@ class Comparison:
         """Return whether the new model is better, and why.
 
         It is worse if held-out answers get clearly worse, or if the classes lose more of their sure voxels, on the
-        mean, than the held-out answers gain.
+        mean, than the held-out answers gain. It is better if held-out objects get clearly better, or if the interval
+        of the share of unanswered voxels that become right lies above `LEAST_GAIN`.
         """
         said = (_said(self.answers, "voxels of held-out answers"), _said(self.objects, "held-out objects"))
         reasons = [text for text in said if text] or [f"fewer than {FEWEST} answers are too few to hold some out"]
@@ -52,11 +57,29 @@ class Comparison:
             f"{row['changed'] / row['voxels']:.0%} of the sure {row['class']} without an answer become {row['to']}"
             for row in rest[shares > LOST].to_dict("records")
         ]
+        low, high = self.expected()
+        if len(self.answers):
+            reasons.append(
+                f"{low:+.1%} to {high:+.1%} of the other voxels become right if they gain like these answers"
+            )
         reasons.append(f"{self.changed:.1%} of the voxels without an answer change class")
         gained = _gain(self.answers)
         gains = [_signed(table) for table in (self.answers, self.objects)]
         is_worse = min(gains) < 0 or (len(shares) > 0 and shares.mean() > max(gained, TOLERATED))
-        return WORSE if is_worse else BETTER if max(gains) > 0 else SAME, "; ".join(reasons)
+        is_better = gains[1] > 0 or low > LEAST_GAIN
+        return WORSE if is_worse else BETTER if is_better else SAME, "; ".join(reasons)
+
+    def expected(self) -> tuple[float, float]:
+        """Return the interval of the share of unanswered voxels that become right: those that change, times the gain.
+
+        The gain is that of the held-out answers, drawn with replacement (bootstrap).
+        """
+        if self.answers.empty:
+            return 0.0, 0.0
+        gain = (self.answers["after"] - self.answers["before"]).to_numpy(np.float64)
+        drawn = np.random.default_rng(2026).integers(len(gain), size=(DRAWS, len(gain)))
+        low, high = self.changed * np.quantile(gain[drawn].mean(axis=1), (TAIL, 1.0 - TAIL))
+        return float(low), float(high)
 
 
 def _gain(table: pd.DataFrame) -> float:
