@@ -58,6 +58,7 @@ LONG = (
     "formats/test_hostile.py",
     "surveys/test_fuzz_sides.py",
     "surveys/test_fuzz_images.py",
+    "test_fuzz_corpus.py",
     "simulation/runtime/test_survey.py",
     "execution/test_faults.py",
 )
