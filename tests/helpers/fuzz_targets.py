@@ -7,7 +7,6 @@ import os
 import shutil
 import tarfile
 import tempfile
-import time
 from collections.abc import Callable, Iterable
 from contextlib import nullcontext, redirect_stdout
 from functools import cache, partial
@@ -32,6 +31,7 @@ from mlsroad_pipeline.review.corrections import has_corrections
 from mlsroad_pipeline.review.delivery.files import Delivery
 from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
 from mlsroad_pipeline.review.page_server.served_survey import ServedSurvey
+from mlsroad_pipeline.review.page_server.tile_building import build_tiles
 from mlsroad_pipeline.surveys.given_classes import read_predictions
 from mlsroad_pipeline.surveys.register_files import RegisterFile
 
@@ -113,9 +113,7 @@ class Page:
     def __init__(self, out: Path) -> None:
         self.out, self.accepted = out, 0
         self.survey = self._opened()
-        self.survey.tiles.start()
-        while self.survey.tiles.index() is None:
-            time.sleep(0.1)
+        build_tiles(self.survey.output.clouds, self.survey.tiles.folder)
 
     def _opened(self) -> ServedSurvey:
         return ServedSurvey(OutputFolder.find(self.out), user="ann")
