@@ -63,6 +63,13 @@ def test_a_parameter_without_a_name_or_a_value_is_an_error(text):
         nested([text])
 
 
+def test_two_parameters_in_one_option_are_an_error_but_commas_of_values_are_not():
+    with pytest.raises(typer.BadParameter, match="give pulse_rate with a --params of its own"):
+        nested(["with_images=false,pulse_rate=1000"])
+    assert nested(["label.survey=/x/a,b=1.laz"])["label"]["survey"] == "/x/a,b=1.laz"
+    assert nested(["label.read.delimiter=','", "x={a: 'b,c=d'}"])["x"] == {"a": "b,c=d"}
+
+
 @pytest.mark.parametrize("value", ["{", "'", "*x", "!!python/object:os.system", "@x"])
 def test_a_value_that_is_no_yaml_is_a_wrong_command_line(value):
     with pytest.raises(typer.BadParameter, match="is not a YAML value"):

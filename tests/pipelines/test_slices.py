@@ -197,7 +197,7 @@ def test_inspect_lists_what_is_wrong_with_each_file(project, tmp_path, rng, capl
     run(project, "inspect", **given(tmp_path))
     table = pd.read_csv(project / "data/08_reporting/survey_warnings.csv")
     told = table.groupby("file")["warning"].apply(" ".join)
-    assert "40" in told["train/a.laz"] and "59" in told["test/b.laz"]
+    assert "40 points repeat another exactly" in told["train/a.laz"] and "59" in told["test/b.laz"]
     assert any(message.startswith("train/a.laz: ") for message in caplog.messages)
 
 

@@ -10,13 +10,16 @@ from typing import Annotated, Any
 import typer
 
 from mlsroad_pipeline.algorithms.core.exceptions import ReadError
-from mlsroad_pipeline.execution.parameter_checks import local_path, with_text_of_paths
+from mlsroad_pipeline.execution.parameter_checks import PATHS, local_path, with_text_of_paths
 
 SUFFIX = "_mlsroad"
 """Ending of the folder of results beside a survey."""
 
 RECORDS = ".mlsroad"
 """Folder of the records of runs in a folder of results."""
+
+_NEXT = re.compile(r"""[^{\["']*,\s*([A-Za-z_][\w.]*)=""")
+"""A value in which a second parameter follows, as in `kedro run --params`; it would be one text."""
 
 Surveys = Annotated[
     list[str],
@@ -129,9 +132,12 @@ def nested(pairs: Sequence[str], *, given: Mapping[str, str] | None = None) -> d
     from yaml import YAMLError
 
     for pair in pairs:
-        key, sign, _ = pair.partition("=")
+        key, sign, value = pair.partition("=")
         if not sign or not all(key.split(".")):
             raise typer.BadParameter(f"{pair!r} must have the form SECTION.KEY=VALUE", param_hint="--params")
+        if key not in PATHS and (more := _NEXT.match(value)):
+            message = f"{pair!r} has two parameters: give {more[1]} with a --params of its own"
+            raise typer.BadParameter(message, param_hint="--params")
         if key in (given or {}):
             raise typer.BadParameter(f"{key} is given as {(given or {})[key]}", param_hint="--params")
         try:
