@@ -119,8 +119,12 @@ def _files(survey: ServedSurvey) -> list[Route]:
             return PlainTextResponse("There is no report.\n", 404)
         return FileResponse(path, media_type="text/html", headers={"Content-Security-Policy": REPORT_POLICY})
 
+    async def icon(request: Request) -> Response:
+        return Response(status_code=204)  # the report names none, so that a browser asks for this one
+
     return [
         Route("/", _static("index.html")),
+        Route("/favicon.ico", icon),
         Route("/first.bin", first),
         Route("/tiles/{name}", tile),
         Route("/files/{name:path}", photo),
