@@ -9,7 +9,7 @@ from collections.abc import Callable, Container
 
 # Tests run in one process per core; more OpenMP threads take 20 % more time. Read at the first import of NumPy.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
-# Threads that LightGBM is told to start sleep while they wait; spinning takes thirty times the time where cores are shared.
+# LightGBM's threads wait asleep. Where cores are shared, busy waiting takes thirty times the processor time.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 from pathlib import Path
