@@ -10,7 +10,7 @@ from mlsroad_pipeline.label.confidence import (
     count_confidences,
     ground_warnings,
 )
-from mlsroad_pipeline.label.result_warnings import unfamiliar_warnings
+from mlsroad_pipeline.label.result_warnings import spread_scenes, unfamiliar_warnings
 
 CLASSES = ["road", "tree", "sign", "wire"]
 
@@ -90,3 +90,9 @@ def test_scenes_unlike_the_training_data_are_warned_of_with_their_reasons():
     assert KINDS["turned"] not in short
     assert unfamiliar_warnings({"a": usual, "b": scene_of(1000, familiar=0.1, turned=0.9)}) == []
     assert unfamiliar_warnings({"a": {"counts": np.array([9]), "confidences": counts_of([0], [0.9])}}) == []
+
+
+def test_facts_are_those_of_scenes_with_most_of_the_points():
+    assert spread_scenes([1, 1, 1, 1000, 1000, 1000, 1, 1], 3).tolist() == [3, 4, 5]
+    assert spread_scenes([10] * 9, 3).tolist() == [1, 4, 7]
+    assert spread_scenes([5], 3).tolist() == [0] and spread_scenes([], 3).tolist() == []

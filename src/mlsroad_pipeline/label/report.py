@@ -35,8 +35,8 @@ from mlsroad_pipeline.reporting.html.objects import object_map_section, object_t
 from mlsroad_pipeline.review.corrections.line_decisions import corrected_lines
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 
-FRAME_POINTS = 500
-"""Points of each scene that the frame of the map is computed from."""
+FRAME_STEP = 100
+"""The frame of the map is computed from one of so many points of each scene: few points far away do not widen it."""
 
 
 class ReportPictures(NamedTuple):
@@ -64,8 +64,7 @@ def report_pictures(results: SceneCollection, inventory: RoadInventory, palette:
 
 
 def _some(sample: PictureSample) -> NDArray[np.float64]:
-    rows = np.flatnonzero(sample["core"])
-    rows = rows[:: max(1, len(rows) // FRAME_POINTS)]
+    rows = np.flatnonzero(sample["core"])[::FRAME_STEP]
     return sample["xyz"][rows, :2].astype(np.float64) + sample["origin"][:2]
 
 
@@ -177,6 +176,7 @@ def label_report_sections(
     facts |= _seen_by_cameras(bundle, counts)
     lines = corrected_lines(inventory.lines, Path(parameters.output), inventory.trajectory)
     return [
+        html.warnings_section("Warnings", list(warnings)),
         *_map_and_pictures(inventory, lines, pictures, scheme),
         *(
             []
@@ -184,7 +184,6 @@ def label_report_sections(
             else [html.table_section("Sections of the road", inventory.sections, SECTION_NOTE)]
         ),
         html.facts_section("Run", facts),
-        html.warnings_section("Warnings", list(warnings)),
         *([] if doubts.empty else [html.table_section("Places to check", _first_doubts(doubts), PLACES_NOTE)]),
         html.distribution_section("Classes", class_counts(bundle, total), scheme=scheme),
         html.table_section("Confidence", confidence_table(total["confidences"], scheme.classes), CONFIDENCE_NOTE),

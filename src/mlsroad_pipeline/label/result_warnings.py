@@ -97,11 +97,10 @@ N_SCENES = 3
 
 
 def facts_of_pieces(plan: SurveyPlan, pieces: SceneCollection, ingest: IngestParameters) -> dict[str, float]:
-    """Return the medians of the facts of scenes at equal steps, of a survey that has been read and cut."""
+    """Return the medians of the facts of some scenes of a survey that has been read and cut."""
     points, bins = pieces.part("points", mapped=True), pieces.load_all("bins")
     scenes = [scene for pass_key in plan.passes() for scene in plan_pass(pass_key, plan, bins, ingest)]
-    n = min(N_SCENES, len(scenes))
-    chosen = [scenes[(2 * k + 1) * len(scenes) // (2 * n)] for k in range(n)]
+    chosen = [scenes[k] for k in spread_scenes([scene.span.n_core for scene in scenes], N_SCENES)]
     unfiltered = OutlierParameters(enabled=False)
     return median_facts(
         [
@@ -111,6 +110,12 @@ def facts_of_pieces(plan: SurveyPlan, pieces: SceneCollection, ingest: IngestPar
             for scene in chosen
         ]
     )
+
+
+def spread_scenes(counts: Sequence[int], n: int) -> NDArray[np.int64]:
+    """Return the scenes at `n` equal steps of the points, so that scenes with few points far away do not count."""
+    ends = np.cumsum(counts)
+    return np.unique(np.searchsorted(ends, np.arange(1, 2 * n, 2) * ends.max(initial=0) / (2 * n)))[: len(ends)]
 
 
 def _needed(piece: Mapping[str, NDArray]) -> dict[str, NDArray]:

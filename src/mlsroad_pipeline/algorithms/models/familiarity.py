@@ -62,11 +62,21 @@ _LEAST_TRUST, _GAIN = 0.4, 1.2
 """Factor of the confidence on a scene that is surely unlike the training data, and its rise with the probability of a
 familiar one: the factor is 1 from 0.5 upward."""
 
+_STEEPEST = 0.15
+"""Largest grade of a copy; the mean is a third of it. Simulated streets are mostly level, recorded ones are not."""
+
 Change = Callable[[PointCloud, NDArray[np.float32]], PointCloud]
 
 
 def _moved(scene: PointCloud, xyz: NDArray) -> PointCloud:
     return PointCloud(np.ascontiguousarray(xyz, dtype=scene.xyz.dtype))
+
+
+def _sloped(scene: PointCloud, rng: np.random.Generator) -> PointCloud:
+    """Return a scene whose heights rise in one direction, as on a hill."""
+    grade, azimuth = _STEEPEST * rng.random() ** 2, 2 * np.pi * rng.random()
+    rise = grade * (scene.xyz[:, 0] * np.cos(azimuth) + scene.xyz[:, 1] * np.sin(azimuth))
+    return _moved(scene, scene.xyz + rise[:, None] * [0.0, 0.0, 1.0])
 
 
 def _first_of_cells(scene: PointCloud, edge: float, axes: int) -> PointCloud:
@@ -86,6 +96,8 @@ def changes(rng: np.random.Generator) -> list[tuple[str, Change]]:
     down = np.array([1.0, 1.0, -1.0])
     return [
         (FAMILIAR, lambda scene, _: scene),
+        (FAMILIAR, lambda scene, _: scene),
+        (FAMILIAR, lambda scene, _: _kept(scene, rng.random(len(scene)) < draw(0.3, 0.9))),
         (FAMILIAR, lambda scene, _: _kept(scene, rng.random(len(scene)) < draw(0.3, 0.9))),
         ("no ground", lambda scene, height: _kept(scene, height > draw(0.1, 0.5))),
         ("low", lambda scene, height: _kept(scene, height < draw(0.8, 1.4))),
@@ -137,7 +149,7 @@ def _sides(
 def facts_of_changes(scene: PointCloud, ground: GroundParameters, *, seed: int) -> dict[str, NDArray]:
     """Return the facts of a training scene and of changed copies of it, and the number of the kind of each.
 
-    Half of the copies are of a part of the scene, since surveys are cut in many ways.
+    Half of the copies are of a part of the scene, since surveys are cut in many ways. All are sloped.
     """
     rng = np.random.default_rng([seed, len(scene)])
     scene = PointCloud(scene.xyz[inliers(scene)])
@@ -149,7 +161,7 @@ def facts_of_changes(scene: PointCloud, ground: GroundParameters, *, seed: int) 
             if rng.random() < 0.5:
                 offset = np.abs(scene.xyz[:, :2] - scene.xyz[rng.integers(len(scene)), :2]).max(axis=1)
                 rows = np.flatnonzero(offset < rng.uniform(15.0, 30.0))
-            changed = change(scene.select(rows), height[rows])
+            changed = change(_sloped(scene.select(rows), rng), height[rows])
             if len(changed) >= _FEWEST:
                 values.append(facts_vector(scene_facts(changed)))
                 kinds.append(list(KINDS).index(kind))
