@@ -67,7 +67,7 @@ def test_changed_copies_are_what_their_kind_says():
     (above,) = made["from above"]
     cells = np.unique(np.round(above.xyz[:, :2], 1), axis=0)
     assert len(above) < len(scene) / 2 and len(cells) > 0.9 * len(above)
-    assert len(made[FAMILIAR]) == 2 and len(made[FAMILIAR][0]) == len(scene)
+    assert len(made[FAMILIAR]) == 4 and len(made[FAMILIAR][0]) == len(scene)
 
 
 def test_rooms_have_ceilings():
@@ -84,6 +84,12 @@ def test_a_new_street_is_familiar_and_changed_ones_are_not(model):
     assert NAMES[upside_down.argmax()] == "turned" and trust(upside_down) < 0.65
     no_ground = kind_probabilities(model, unseen.select(np.flatnonzero(unseen.xyz[:, 2] > 0.3)))
     assert NAMES[no_ground.argmax()] == "no ground" and trust(no_ground) < 0.65
+
+
+def test_a_street_on_a_hill_is_familiar(model):
+    xyz = street(99).xyz
+    hill = kind_probabilities(model, PointCloud(xyz + xyz[:, :1] * np.float32([0.0, 0.0, 0.1])))
+    assert hill[0] > 0.5
 
 
 def test_models_without_a_classifier_trust_all_scenes(model):
