@@ -26,14 +26,14 @@ def test_a_scene_lists_the_doubtful_clusters_of_its_core_in_world_coordinates(rn
     assert table["reason"].tolist() == [VEHICLE_SIZED] and table["points"].item() == 3000
     np.testing.assert_allclose(table[["x", "y", "z"]].to_numpy()[0], [507, 908.9, 10.8], atol=0.15)
     (warning,) = doubt_warnings(table)
-    assert warning.startswith(f"1 cluster with 3,000 points may have a wrong class: {VEHICLE_SIZED}.")
+    assert warning.startswith(f"1 cluster with 3,000 points may have a wrong class: {VEHICLE_SIZED} (1).")
     assert doubt_warnings(table[:0]) == []
 
 
-def test_there_is_one_warning_for_each_reason():
+def test_one_warning_counts_the_clusters_of_each_reason_those_with_most_points_first():
     table = pd.DataFrame({"reason": ["a", "b", "b"], "points": [500, 2000, 3000]})
-    first, second = doubt_warnings(table)
-    assert first.startswith("2 clusters with 5,000 points") and second.startswith("1 cluster with 500 points")
+    (warning,) = doubt_warnings(table)
+    assert warning.startswith("3 clusters with 5,500 points may have a wrong class: b (2); a (1).")
 
 
 def test_the_message_about_degrees_has_a_command_for_both_orders():

@@ -70,12 +70,15 @@ def below_warnings(counts: Mapping[str, LabelCounts]) -> list[str]:
 
 
 def doubt_warnings(doubts: pd.DataFrame) -> list[str]:
-    """Return a warning for each reason to doubt clusters, with their number and points."""
+    """Return a warning of the doubtful clusters, with their numbers by reason, most points first."""
+    if doubts.empty:
+        return []
     grouped = doubts.groupby("reason", sort=False)["points"].agg(["size", "sum"]).sort_values("sum", ascending=False)
+    n = len(doubts)
     return [
-        f"{n} {'cluster' if n == 1 else 'clusters'} with {points:,} points may have a wrong class: {reason}. They are "
-        "listed in the report under Places to check, and come first among the places of mlsroad open (J)."
-        for reason, n, points in grouped.itertuples()
+        f"{n} {'cluster' if n == 1 else 'clusters'} with {doubts['points'].sum():,} points may have a wrong class: "
+        + "; ".join(f"{reason} ({number})" for reason, number in grouped["size"].items())
+        + ". The report lists them under Places to check, and mlsroad open shows them first (J)."
     ]
 
 
