@@ -4,13 +4,16 @@ import dataclasses
 import re
 from pathlib import Path
 
+import click
 import pytest
 import yaml
 from helpers.conf import base, context_of, from_command_line, parameters_of
 from helpers.wiring import last_line, make_project
 from kedro.io import DatasetError
 
+from mlsroad_pipeline.algorithms.core.exceptions import ReadError
 from mlsroad_pipeline.algorithms.scenes.parameters import IngestParameters
+from mlsroad_pipeline.cli import _with_one_line_errors
 from mlsroad_pipeline.surveys.plan import plan_comparison, plan_labelling
 
 
@@ -110,3 +113,16 @@ def test_wrong_execution_is_named_before_anything_runs(project):
     given = from_command_line("execution.n_workers=0")
     with pytest.raises(DatasetError, match=r"n_workers .*got 0"):
         context_of(project, "base", **given).catalog.get("scenes")
+
+
+def test_kedro_run_ends_with_one_line_for_an_error_of_known_cause_and_a_traceback_for_others():
+    def failing(error, cause=None):
+        raise error from cause
+
+    run = _with_one_line_errors(failing)
+    with pytest.raises(click.ClickException, match=r"^a\.laz is damaged$"):
+        run(DatasetError("Failed while loading data"), ReadError("a.laz is damaged"))
+    with pytest.raises(click.ClickException, match="^wide$"):
+        run(ValueError("Failed to instantiate GroundParameters for parameter 'ground_removal': wide"))
+    with pytest.raises(ZeroDivisionError):
+        run(ZeroDivisionError("division by zero"))

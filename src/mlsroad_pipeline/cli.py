@@ -4,8 +4,10 @@
 """
 
 import copy
+import functools
 import os
 import re
+from collections.abc import Callable
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -18,6 +20,7 @@ from yaml import YAMLError
 
 _KEDRO_PARAMS: Any = next(parameter.callback for parameter in kedro_run.params if parameter.name == "params")
 _PATH = re.compile(r"(label|inspect|score|survey)\.(survey|output|trajectory|images|inventory|truth|root)")
+_REFUSED = re.compile(r"Failed to instantiate \w+ for parameter '[^']*': (.+)\s*$")
 _OPTIONS = [parameter.name for parameter in kedro_run.params if parameter.name and parameter.name != "config"]
 
 
@@ -81,9 +84,35 @@ def _check_environment(context: click.Context, parameter: click.Parameter, value
     return value
 
 
+def _cause(error: BaseException | None) -> str | None:
+    """Return the message of the first error of this package in a chain, or of a refused parameter; None without one."""
+    refused = _REFUSED.search(str(error))
+    while error is not None and not type(error).__module__.startswith(f"{__package__}."):
+        error = error.__cause__ or error.__context__
+    return str(error) if error is not None else refused and refused[1]
+
+
+def _with_one_line_errors(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a command that ends with one line for an error of known cause; others keep their traceback."""
+
+    @functools.wraps(command)
+    def ended(*arguments: Any, **options: Any) -> Any:
+        try:
+            return command(*arguments, **options)
+        except Exception as error:
+            text = _cause(error)
+            if text is None:
+                raise
+            raise click.ClickException(text) from error
+
+    return ended
+
+
 def _with_checked_config(command: click.Command) -> click.Command:
     """Return a copy of a command that reads `--config`, `--params` and `--env` by the functions above."""
     changed = copy.copy(command)
+    if command.callback is not None:
+        changed.callback = _with_one_line_errors(command.callback)
     changed.params = [copy.copy(parameter) for parameter in command.params]
     for parameter in changed.params:
         if parameter.name == "config":
