@@ -5,7 +5,9 @@ import pytest
 from helpers.page_output import FILES, write_output
 
 from mlsroad_pipeline.review.corrections import Correction, open_corrections
+from mlsroad_pipeline.review.page_server import decided as decided_module
 from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
+from mlsroad_pipeline.review.page_server.selection import points_in_box
 from mlsroad_pipeline.review.page_server.served_survey import ServedSurvey
 from mlsroad_pipeline.review.page_server.tile_building import build_tiles
 
@@ -70,3 +72,17 @@ def test_a_rejected_object_has_points_without_a_class(survey):
 def test_without_decisions_the_counts_are_those_of_the_files(survey):
     found, codes = decided(survey)
     assert found["counts"] == expected(codes) and found["objects"] == []
+
+
+def test_the_points_of_a_decided_object_are_read_once(survey, monkeypatch):
+    folder, _ = survey
+    with open_corrections(folder) as store:
+        for decision in store.current():
+            store.undo(decision.identifier, who="test")
+    server, boxes = ServedSurvey(OutputFolder.find(folder), user="ann"), []
+    monkeypatch.setattr(decided_module, "points_in_box", lambda *box: boxes.append(box) or points_in_box(*box))
+    for number in (1, 2, 4):
+        server.decide({"action": "reject", "object_id": number})
+        counts = server.corrections(points=False)["counts"]
+    server.close()
+    assert len(boxes) == 3 and counts["1"] == 8000

@@ -41,7 +41,7 @@ class ClassCounts:
         for code, count in counts.items():
             self._labelled[int(code)] = count
         self._known: tuple[NDArray[np.uint32], NDArray[np.uint8]] = np.empty(0, np.uint32), np.empty(0, np.uint8)
-        self._objects: dict[int, Near] = {}
+        self._objects: dict[int, tuple[NDArray[np.uint32], NDArray[np.int64]]] = {}
 
     def know(self, points: Near) -> None:
         """Keep the classes of points as labelled, which need not be read again."""
@@ -50,22 +50,23 @@ class ClassCounts:
 
     def now(self, painted: Painted) -> dict[str, int]:
         """Return the number of points of each class in force, by code."""
-        changed = np.flatnonzero(painted.of_objects >= 0).tolist()
-        parts = [self._of_object(number) for number in changed]
-        rows = np.concatenate([painted.rows, *(part.rows for part in parts)])
-        labelled = np.concatenate([self._codes(painted.rows), *(part.labelled for part in parts)])
-        objects = np.concatenate([np.zeros(len(painted.rows), np.uint32), *(part.objects for part in parts)])
-        rows, first = np.unique(rows, return_index=True)
-        labelled, objects = labelled[first], objects[first]
-        counts = self._labelled - np.bincount(labelled, minlength=256)
-        counts += np.bincount(painted.on(rows, labelled, objects), minlength=256)
+        counts, below = self._labelled.copy(), self._codes(painted.rows).copy()  # `below`: classes under the strokes
+        for number in np.flatnonzero(painted.of_objects >= 0).tolist():
+            rows, labelled = self._of_object(number)
+            counts -= labelled
+            counts[painted.of_objects[number]] += len(rows)
+            if len(below):
+                below[np.isin(painted.rows, rows)] = painted.of_objects[number]
+        counts += np.bincount(painted.codes, minlength=256) - np.bincount(below, minlength=256)
         return {str(code): int(counts[code]) for code in np.flatnonzero(counts)}
 
-    def _of_object(self, number: int) -> Near:
+    def _of_object(self, number: int) -> tuple[NDArray[np.uint32], NDArray[np.int64]]:
+        """Return the rows of the points of an object, and their number per class as labelled."""
         if number not in self._objects:
             low, high = self._box_of(number)
             near = points_in_box(self._tiles, low - _SLACK, high + _SLACK)
-            self._objects[number] = near.select(near.objects == number)
+            own = near.objects == number
+            self._objects[number] = near.rows[own], np.bincount(near.labelled[own], minlength=256)
         return self._objects[number]
 
     def _codes(self, rows: NDArray[np.uint32]) -> NDArray[np.uint8]:

@@ -197,7 +197,7 @@ class ServedSurvey:
         """Return the objects to look at first."""
         from mlsroad_pipeline.review.corrections import review_order  # noqa: PLC0415
 
-        return review_order(self.store.objects().rows(), self.store.object_states(), number)
+        return review_order(self.store.objects().table, self.store.object_states(), number)
 
     def point_groups(self, number: int) -> list[dict[str, Any]]:
         """Return the groups of points to look at first; none while the tiles are not finished."""
