@@ -5,11 +5,10 @@ import pytest
 from helpers.page_output import FILES, write_output
 
 from mlsroad_pipeline.review.corrections import Correction, open_corrections
-from mlsroad_pipeline.review.page_server import decided as decided_module
 from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
-from mlsroad_pipeline.review.page_server.selection import points_in_box
 from mlsroad_pipeline.review.page_server.served_survey import ServedSurvey
 from mlsroad_pipeline.review.page_server.tile_building import build_tiles
+from mlsroad_pipeline.review.page_server.tile_format import TileIndex
 
 N_POINTS = 68_000
 TREE = 64_000  # first row of the tree, object 4
@@ -74,15 +73,16 @@ def test_without_decisions_the_counts_are_those_of_the_files(survey):
     assert found["counts"] == expected(codes) and found["objects"] == []
 
 
-def test_the_points_of_a_decided_object_are_read_once(survey, monkeypatch):
+def test_nodes_of_decided_objects_are_read_once_for_all_of_them(survey, monkeypatch):
     folder, _ = survey
     with open_corrections(folder) as store:
         for decision in store.current():
             store.undo(decision.identifier, who="test")
-    server, boxes = ServedSurvey(OutputFolder.find(folder), user="ann"), []
-    monkeypatch.setattr(decided_module, "points_in_box", lambda *box: boxes.append(box) or points_in_box(*box))
-    for number in (1, 2, 4):
-        server.decide({"action": "reject", "object_id": number})
-        counts = server.corrections(points=False)["counts"]
+        store.add_all([Correction("reject", number) for number in (1, 2, 4)], who="ann")
+    server, nodes, read = ServedSurvey(OutputFolder.find(folder), user="ann"), [], TileIndex.chunk
+    monkeypatch.setattr(TileIndex, "chunk", lambda tiles, node: nodes.append(node) or read(tiles, node))
+    assert server.corrections(points=False)["counts"]["1"] == 8000
+    assert nodes and len(nodes) == len(set(nodes))
+    server.decide({"action": "accept", "object_id": 3})
+    assert server.corrections(points=False)["counts"]["1"] == 8000 and len(nodes) == len(set(nodes))
     server.close()
-    assert len(boxes) == 3 and counts["1"] == 8000
