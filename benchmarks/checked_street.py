@@ -2,7 +2,7 @@
 
     python benchmarks/checked_street.py [--folder FOLDER] [--length 300]
 
-Simulates a street of the town and labels it. The user takes the objects in the order of the page, and decides as the
+Simulates a street of the town and labels it. The user takes the first object of the list each time, and decides as the
 reference does: an object with a true one of its kind within the distance of the scores is accepted, one with a true
 one of another kind that no listed object has gets that kind, all others are rejected. Then true objects with at least
 100 points that are missing are added, as a user does who goes along the street. Every decision is a request to the
@@ -20,7 +20,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,7 @@ from mlsroad_pipeline.algorithms.inventory.scoring.object_scores import REACH
 from mlsroad_pipeline.review.corrections.listed_objects import read_objects
 from mlsroad_pipeline.surveys.truth_tables import point_counts, read_truth
 
-LEAST = 100
+LEAST, LIST = 100, "/api/queue?number=100"
 
 
 class Page:
@@ -45,12 +45,12 @@ class Page:
             raise SystemExit(f"the page did not start: {address!r}")
         self.port, self.cookie = int(match[1]), ""
         self.cookie = self._asked(match[2])[1].partition(";")[0]
+        *_, self.queue = map(self.get, ("/api/survey", "/api/corrections", LIST))
 
     def _asked(self, path: str, body: Any = None) -> tuple[bytes, str]:
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=120)
         headers = {"Cookie": self.cookie, "Origin": f"http://127.0.0.1:{self.port}", "Content-Type": "application/json"}
-        text = None if body is None else json.dumps(body)
-        connection.request("GET" if body is None else "POST", path, body=text, headers=headers)
+        connection.request("POST" if body else "GET", path, body=json.dumps(body) if body else None, headers=headers)
         answer = connection.getresponse()
         content, cookie = answer.read(), answer.getheader("set-cookie", "")
         connection.close()
@@ -63,11 +63,17 @@ class Page:
         return json.loads(self._asked(path)[0])
 
     def decide(self, decision: Mapping[str, Any]) -> float:
-        """Make a decision and read the states again, as the page does; return the seconds."""
+        """Make a decision and read states and list again, as the page does; return the seconds."""
         start = time.perf_counter()
         self._asked("/api/decide", decision)
         self.get("/api/states")
+        self.queue = self.get(LIST)
         return time.perf_counter() - start
+
+    def order(self) -> Iterator[int]:
+        """Yield the first object of the list until the list is empty."""
+        while self.queue:
+            yield int(self.queue[0]["object_id"])
 
 
 @contextmanager
@@ -80,7 +86,7 @@ def opened(folder: Path) -> Iterator[Page]:
         process.terminate()
 
 
-def decisions(folder: Path, street: Path, order: list[int]) -> Iterator[dict[str, Any]]:
+def decisions(folder: Path, street: Path, order: Iterable[int]) -> Iterator[dict[str, Any]]:
     """Yield the decisions of the user."""
     listed, truth = read_objects(folder).table, read_truth(street)
     counts = point_counts(truth, [street / "survey.laz"])
@@ -130,15 +136,14 @@ def main() -> None:
         mlsroad("label", street, "-o", out)
     (out / "corrections.sqlite").unlink(missing_ok=True)
     with opened(out) as page:
-        order = [int(row["object_id"]) for row in page.get("/api/queue?number=500")]
-        made = list(decisions(out, street, order))
-        seconds = [page.decide(decision) for decision in made]
+        made = [(one["action"], page.decide(one)) for one in decisions(out, street, page.order())]
+    actions, seconds = zip(*made, strict=True)
     corrected = given.folder / "corrected.gpkg"
     mlsroad("export", out, "-o", corrected, "--overwrite")
     result = {
         "length": given.length,
-        "decisions": dict(Counter(decision["action"] for decision in made)),
-        "seconds": {"median": round(float(np.median(seconds)), 4), "largest": round(max(seconds), 4)},
+        "decisions": dict(Counter(actions)),
+        "seconds": {"median": np.median(seconds), "largest": max(seconds), "at": int(np.argmax(seconds)) + 1},
         "before": scores(out / "inventory.gpkg", street, given.folder / "before"),
         "after": scores(corrected, street, given.folder / "after"),
     }

@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from helpers.page_output import write_output
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 SOURCE = REPOSITORY / "src"
 ORCHESTRATION = {"kedro", "kedro_datasets", "kedro_mlflow", "mlflow"}
@@ -62,3 +64,19 @@ def test_the_light_installation_is_a_part_of_the_whole_one_without_what_labellin
     whole, light = ({*re.findall(r"^[\w.-]+==\S+", text.lower().replace("_", "-"), re.M)} for text in locks)
     assert len(light) > 50 and light <= whole
     assert not {pin.partition("==")[0] for pin in light} & {*HEAVY, "dask"}
+
+
+FIRST_PICTURE = """
+from pathlib import Path
+from mlsroad_pipeline.review.page_server import server
+from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
+from mlsroad_pipeline.review.page_server.served_survey import ServedSurvey
+survey = ServedSurvey(OutputFolder.find(Path({folder!r})), user="ann")
+assert survey.survey()["lines"] and survey.first.chunk
+"""
+
+
+def test_the_first_picture_of_the_page_does_not_wait_for_tables_and_kernels(tmp_path):
+    write_output(tmp_path)
+    loaded = loaded_by(FIRST_PICTURE.format(folder=str(tmp_path)))
+    assert sorted({"pandas", "scipy", "numba", "shapely", "pyarrow"} & loaded) == []

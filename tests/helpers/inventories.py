@@ -3,7 +3,8 @@
 import numpy as np
 import pandas as pd
 
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS, LINE_KINDS
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS
+from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.sections import section_table
 from mlsroad_pipeline.algorithms.inventory.objects.table import OBJECT_FIELDS
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory

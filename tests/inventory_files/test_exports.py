@@ -15,7 +15,8 @@ from helpers.inventories import UTM, planted, planted_inventory
 from pyproj import CRS, Transformer
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS, LINE_KINDS
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS
+from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS, OBJECT_FIELDS, empty_table
 from mlsroad_pipeline.inventory_files import vector_files
 from mlsroad_pipeline.inventory_files.drawing import APPLICATION, ATTRIBUTES

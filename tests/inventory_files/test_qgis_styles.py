@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_LAYERS
+from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_LAYERS
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS
 from mlsroad_pipeline.inventory_files.qgis_styles import COLOURS, LAYERS, qml

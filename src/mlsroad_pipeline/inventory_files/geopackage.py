@@ -17,7 +17,8 @@ import shapely
 from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import ADDED_FIELDS, LINE_FIELDS, LINE_LAYERS, numbered
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import ADDED_FIELDS, LINE_FIELDS, numbered
+from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_LAYERS
 from mlsroad_pipeline.algorithms.inventory.objects.boxes import polygon_area
 from mlsroad_pipeline.algorithms.inventory.objects.sections import part_of_path
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS

@@ -12,7 +12,8 @@ import shapely
 from numpy.typing import NDArray
 
 from mlsroad_pipeline import __version__
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS, LINE_LAYERS
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS
+from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_LAYERS
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS
 from mlsroad_pipeline.algorithms.inventory.road.places import PLACE_FIELDS
 from mlsroad_pipeline.algorithms.inventory.road.sight import SIGHT_FIELDS

@@ -13,7 +13,7 @@ import yaml
 from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_LAYERS
+from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_LAYERS
 from mlsroad_pipeline.inventory_files.geopackage import without_times
 from mlsroad_pipeline.inventory_files.road_inventory import (
     LAYERS,

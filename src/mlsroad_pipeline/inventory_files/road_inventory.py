@@ -15,7 +15,8 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS, LINE_LAYERS, line_fields_of_kind
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS, line_fields_of_kind
+from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_LAYERS
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS, OBJECT_FIELDS, Field, fields_of_kind
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.execution.scratch import scratch_folder

@@ -8,6 +8,7 @@ from mlsroad_pipeline.review.corrections import Correction, open_corrections
 from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
 from mlsroad_pipeline.review.page_server.served_survey import ServedSurvey
 from mlsroad_pipeline.review.page_server.tile_building import build_tiles
+from mlsroad_pipeline.review.page_server.tile_format import TileIndex
 
 N_POINTS = 68_000
 TREE = 64_000  # first row of the tree, object 4
@@ -70,3 +71,18 @@ def test_a_rejected_object_has_points_without_a_class(survey):
 def test_without_decisions_the_counts_are_those_of_the_files(survey):
     found, codes = decided(survey)
     assert found["counts"] == expected(codes) and found["objects"] == []
+
+
+def test_nodes_of_decided_objects_are_read_once_for_all_of_them(survey, monkeypatch):
+    folder, _ = survey
+    with open_corrections(folder) as store:
+        for decision in store.current():
+            store.undo(decision.identifier, who="test")
+        store.add_all([Correction("reject", number) for number in (1, 2, 4)], who="ann")
+    server, nodes, read = ServedSurvey(OutputFolder.find(folder), user="ann"), [], TileIndex.chunk
+    monkeypatch.setattr(TileIndex, "chunk", lambda tiles, node: nodes.append(node) or read(tiles, node))
+    assert server.corrections(points=False)["counts"]["1"] == 8000
+    assert nodes and len(nodes) == len(set(nodes))
+    server.decide({"action": "accept", "object_id": 3})
+    assert server.corrections(points=False)["counts"]["1"] == 8000 and len(nodes) == len(set(nodes))
+    server.close()

@@ -1,6 +1,7 @@
 """Tiles of points: each point in one node, exact places, brush and cluster against a search over all points."""
 
 import multiprocessing
+import threading
 from itertools import pairwise
 
 import laspy
@@ -10,7 +11,9 @@ from helpers.page_output import FILES, ORIGIN, write_laz, write_output
 from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
+from mlsroad_pipeline.review.page_server import served_survey
 from mlsroad_pipeline.review.page_server.cloud_files import CloudFiles
+from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
 from mlsroad_pipeline.review.page_server.selection import brushed, cluster
 from mlsroad_pipeline.review.page_server.tile_building import (
     LARGEST,
@@ -190,3 +193,16 @@ def test_a_full_disk_is_told_before_anything_is_written(tmp_path, rng, monkeypat
     with pytest.raises(NoSpaceError, match="GB are free"):
         build_tiles(CloudFiles.at(tmp_path, ["one.laz"]), tmp_path / "tiles")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["one.laz"]
+
+
+def test_tiles_are_built_once_the_browser_has_drawn_the_first_picture(tmp_path, monkeypatch):
+    write_output(tmp_path)
+    started = threading.Event()
+    monkeypatch.setattr(TileCache, "start", lambda tiles: started.set())
+    monkeypatch.setattr(served_survey, "_FIRST_WAIT", 60.0)
+    survey = served_survey.ServedSurvey(OutputFolder.find(tmp_path), user="ann")
+    survey.prepare()
+    assert survey.first.chunk and survey.survey() and not started.wait(0.3)
+    survey.corrections()
+    assert started.wait(30)
+    survey.close()

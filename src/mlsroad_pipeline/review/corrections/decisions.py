@@ -10,7 +10,7 @@ from typing import Any
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.core.plain_text import printable
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_KINDS
+from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KINDS
 from mlsroad_pipeline.review.compared_entries import CHECKED, COMPARED
 

@@ -18,7 +18,7 @@ from scipy.spatial import cKDTree
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.plain_text import printable
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_LAYERS
+from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_LAYERS
 from mlsroad_pipeline.inventory_files.crs_checks import is_other_system
 from mlsroad_pipeline.inventory_files.geopackage_tables import own_views
 from mlsroad_pipeline.inventory_files.road_inventory import LAYERS

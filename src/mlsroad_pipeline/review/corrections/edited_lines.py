@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pyproj import CRS
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_KINDS, LINE_LAYERS
+from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_KINDS, LINE_LAYERS
 from mlsroad_pipeline.inventory_files.geopackage import read_geopackage
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory
 from mlsroad_pipeline.review.corrections.decisions import FARTHEST, Correction, Decision

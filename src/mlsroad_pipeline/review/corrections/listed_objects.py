@@ -9,7 +9,6 @@ from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -55,10 +54,6 @@ class ListedObjects:
     def none(cls) -> ListedObjects:
         """Return an inventory without objects."""
         return cls.of(pd.DataFrame({name: pd.Series(dtype="object") for name in _NEEDED}))
-
-    def rows(self) -> list[dict[str, Any]]:
-        """Return the objects as dictionaries."""
-        return [{str(name): value for name, value in row.items()} for row in self.table.to_dict("records")]
 
     def anchor(self, number: int) -> Anchor | None:
         """Return an object as a decision records it; None if there is no object of that number."""

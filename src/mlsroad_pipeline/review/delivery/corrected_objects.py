@@ -9,7 +9,8 @@ import pandas as pd
 import shapely
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_KINDS, line_table
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import line_table
+from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.boxes import oriented_box
 from mlsroad_pipeline.algorithms.inventory.objects.measures import EXTENT, MEASURES
 from mlsroad_pipeline.algorithms.inventory.objects.rules import KIND_OF_CLASS, KINDS
@@ -126,8 +127,10 @@ def new_rows(
     order of the decisions. A part has the share of the outline that is nearest to its base. Beside the columns of the
     inventory, rows have `decision`, that which made them, and `of`, the number of the split object (0 if added).
     """
-    decided = objects[objects["object_id"].isin(list(states.of_objects))]
-    listed = {int(row["object_id"]): row for row in _records(with_states(decided, states))}
+    listed: dict[int, dict[str, Any]] = {}
+    if any("bases" in state for state in states.of_objects.values()):  # rows of a table are slow to take
+        decided = objects[objects["object_id"].isin(list(states.of_objects))]
+        listed = {int(row["object_id"]): row for row in _records(with_states(decided, states))}
     made: list[tuple[int, list[dict[str, Any]]]] = [
         (n, [_added_row(decision.correction) | note_cells(states.notes_of_added[n]) | {"of": 0}])
         for decision in states.added

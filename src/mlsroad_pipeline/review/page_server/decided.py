@@ -21,7 +21,7 @@ from mlsroad_pipeline.review.delivery.corrected_objects import changed_rows, kin
 from mlsroad_pipeline.review.delivery.corrected_points import ClassCodes, object_codes
 from mlsroad_pipeline.review.page_server.cloud_files import CloudFiles
 from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
-from mlsroad_pipeline.review.page_server.selection import Near, points_in_box
+from mlsroad_pipeline.review.page_server.selection import Near
 from mlsroad_pipeline.review.page_server.tile_format import TileIndex
 from mlsroad_pipeline.review.painted import Painted
 
@@ -41,7 +41,7 @@ class ClassCounts:
         for code, count in counts.items():
             self._labelled[int(code)] = count
         self._known: tuple[NDArray[np.uint32], NDArray[np.uint8]] = np.empty(0, np.uint32), np.empty(0, np.uint8)
-        self._objects: dict[int, Near] = {}
+        self._objects: dict[int, tuple[NDArray[np.uint32], NDArray[np.int64]]] = {}
 
     def know(self, points: Near) -> None:
         """Keep the classes of points as labelled, which need not be read again."""
@@ -50,23 +50,31 @@ class ClassCounts:
 
     def now(self, painted: Painted) -> dict[str, int]:
         """Return the number of points of each class in force, by code."""
+        counts, below = self._labelled.copy(), self._codes(painted.rows).copy()  # `below`: classes under the strokes
         changed = np.flatnonzero(painted.of_objects >= 0).tolist()
-        parts = [self._of_object(number) for number in changed]
-        rows = np.concatenate([painted.rows, *(part.rows for part in parts)])
-        labelled = np.concatenate([self._codes(painted.rows), *(part.labelled for part in parts)])
-        objects = np.concatenate([np.zeros(len(painted.rows), np.uint32), *(part.objects for part in parts)])
-        rows, first = np.unique(rows, return_index=True)
-        labelled, objects = labelled[first], objects[first]
-        counts = self._labelled - np.bincount(labelled, minlength=256)
-        counts += np.bincount(painted.on(rows, labelled, objects), minlength=256)
+        self._read([number for number in changed if number not in self._objects])
+        for number in changed:
+            rows, labelled = self._objects[number]
+            counts -= labelled
+            counts[painted.of_objects[number]] += len(rows)
+            if len(below):
+                below[np.isin(painted.rows, rows)] = painted.of_objects[number]
+        counts += np.bincount(painted.codes, minlength=256) - np.bincount(below, minlength=256)
         return {str(code): int(counts[code]) for code in np.flatnonzero(counts)}
 
-    def _of_object(self, number: int) -> Near:
-        if number not in self._objects:
-            low, high = self._box_of(number)
-            near = points_in_box(self._tiles, low - _SLACK, high + _SLACK)
-            self._objects[number] = near.select(near.objects == number)
-        return self._objects[number]
+    def _read(self, numbers: list[int]) -> None:
+        """Keep the rows of the points of objects, and their number per class as labelled; a node is read once."""
+        near = [self._tiles.touching(low - _SLACK, high + _SLACK) for low, high in map(self._box_of, numbers)]
+        parts = [np.empty((0, 3), np.uint32)]
+        for node in np.unique(np.concatenate(near)).tolist() if near else ():
+            chunk = self._tiles.chunk(node)
+            own = np.isin(chunk.objects, numbers)
+            parts.append(np.column_stack([chunk.objects[own], chunk.rows[own], chunk.codes[own, 0]]))
+        points = np.concatenate(parts)
+        points = points[np.argsort(points[:, 0], kind="stable")]
+        ends = (np.searchsorted(points[:, 0], numbers, side=side).tolist() for side in ("left", "right"))
+        for number, first, last in zip(numbers, *ends, strict=True):
+            self._objects[number] = points[first:last, 1], np.bincount(points[first:last, 2], minlength=256)
 
     def _codes(self, rows: NDArray[np.uint32]) -> NDArray[np.uint8]:
         """Return the classes of ascending rows as labelled; those that no stroke of this page selected are read."""

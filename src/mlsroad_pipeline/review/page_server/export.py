@@ -82,7 +82,7 @@ def _decisions(survey: ServedSurvey) -> tuple[dict[str, Any], list[dict[str, Any
     none: dict[str, Any] = {"states": {}, "painted": [], "decisions": [], "objects": [], "codes": {}, "mark": ""}
     none |= {"lines": {"status": {}, "rows": [], "gone": []}, "notes": {}, "notes_of_added": {}, "counts": None}
     none["checked"] = {}
-    return none, review_order(read_objects(survey.output.path).rows(), {}, 100)
+    return none, review_order(read_objects(survey.output.path).table, {}, 100)
 
 
 def _sample(clouds: CloudFiles, most: int) -> FirstPicture:

@@ -22,7 +22,7 @@ from mlsroad_pipeline.algorithms.core.palette import (
     las_palette,
     rgb_to_hex,
 )
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_LAYERS
+from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_LAYERS
 from mlsroad_pipeline.execution.run_identity import finished_record
 from mlsroad_pipeline.review.page_server.cloud_files import CloudFiles
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 # The corrections need pandas and SciPy, a second of imports that the first picture does not wait for.
 
 
-_FIRST_WAIT = 4.0  # longest wait for a browser that requests the first picture, seconds
+_FIRST_WAIT = 4.0  # longest wait for a browser that draws the first picture, seconds
 
 
 class ServedSurvey:
@@ -48,7 +48,7 @@ class ServedSurvey:
         self._groups: PointGroups | None = None
         self._entries: dict[str, list[Entry]] | None = None
         self._decided: Decided | None = None
-        self.given = threading.Event()
+        self._drawn = threading.Event()  # the browser requests states once it has drawn the first picture
 
     @property
     def first(self) -> FirstPicture:
@@ -81,7 +81,7 @@ class ServedSurvey:
     def _prepare(self) -> None:
         try:
             _ = self.first
-            self.given.wait(_FIRST_WAIT)  # the picture comes first, also where processors are busy
+            self._drawn.wait(_FIRST_WAIT)  # the picture comes first, also where processors are busy
             self.tiles.keep_picture(self.first)
             self.tiles.start()
             _ = self.store
@@ -127,6 +127,7 @@ class ServedSurvey:
         `objects` are those that decisions changed or made, `codes` the classes of points of objects of another class,
         `counts` the points per class, None while the tiles are not finished.
         """
+        self._drawn.set()
         mark, states = self.store.mark(), self.store.states()
         decided, painting = self.decided, self._in_force(states)
         files = {file.name: file for file in self.output.clouds.files} if points else {}
@@ -185,6 +186,7 @@ class ServedSurvey:
 
     def status(self) -> dict[str, Any]:
         """Return the state of the tiles, and a text that changes with every decision, also of other tabs."""
+        self._drawn.set()
         return {**self.tiles.status(), "mark": self.store.mark()}
 
     def deliver(self, wanted: dict[str, Any]) -> dict[str, Any]:
@@ -197,7 +199,7 @@ class ServedSurvey:
         """Return the objects to look at first."""
         from mlsroad_pipeline.review.corrections import review_order  # noqa: PLC0415
 
-        return review_order(self.store.objects().rows(), self.store.object_states(), number)
+        return review_order(self.store.objects().table, self.store.object_states(), number)
 
     def point_groups(self, number: int) -> list[dict[str, Any]]:
         """Return the groups of points to look at first; none while the tiles are not finished."""

@@ -13,7 +13,6 @@ from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
-from starlette.background import BackgroundTask
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
@@ -87,7 +86,7 @@ def _files(survey: ServedSurvey) -> list[Route]:
             chunk = await run_in_threadpool(lambda: survey.first.chunk)
         except (MlsRoadError, OSError) as error:
             return _refused(error)
-        return Response(chunk, media_type="application/octet-stream", background=BackgroundTask(survey.given.set))
+        return Response(chunk, media_type="application/octet-stream")
 
     async def tile(request: Request) -> Response:
         name = request.path_params["name"]

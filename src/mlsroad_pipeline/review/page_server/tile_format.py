@@ -119,12 +119,16 @@ class TileIndex:
         corner = self.nodes[:, 1:4] * width
         return np.flatnonzero(((corner <= high) & (corner + width >= low)).all(axis=1))
 
-    def load(self, row: int) -> tuple[NDArray[np.float32], Chunk]:
-        """Return local coordinates and points of a node."""
-        level, *cell, first, count = self.nodes[row].tolist()
+    def chunk(self, row: int) -> Chunk:
+        """Return the points of a node."""
+        level, _, _, _, first, count = self.nodes[row].tolist()
         size = point_bytes(self.coloured)
         data = np.fromfile(self.folder / level_file(level), np.uint8, count * size, offset=first * size)
-        chunk = unpack(data, count)
+        return unpack(data, count)
+
+    def load(self, row: int) -> tuple[NDArray[np.float32], Chunk]:
+        """Return local coordinates and points of a node."""
+        chunk, (level, *cell, _, _) = self.chunk(row), self.nodes[row].tolist()
         cube = np.array(cell) >> depth(level)
         return (cube * self.edge + (chunk.steps + 0.5) * (self.edge / 65536)).astype(np.float32), chunk
 

@@ -7,23 +7,9 @@ import pandas as pd
 import shapely
 from numpy.typing import NDArray
 
+from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.table import Field
 from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
-
-LINE_LAYERS = {
-    "kerbs": "kerb",
-    "wires": "wire",
-    "barriers": "barrier",
-    "lane_lines": "lane_line",
-    "stop_lines": "stop_line",
-    "crossings": "crossing",
-    "other_markings": "other_marking",
-}
-"""Layer name to kind of line."""
-
-
-LINE_KINDS = tuple(LINE_LAYERS.values())
-"""Kinds of lines."""
 
 LINE_FIELDS: dict[str, Field] = {
     "line_id": Field("int64", "Line", "Number of the line, from 1, by kind and station."),

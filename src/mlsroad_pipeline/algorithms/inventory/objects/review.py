@@ -50,9 +50,11 @@ def order_of_review(table: pd.DataFrame, decided: NDArray[np.floating], number: 
     unusual = np.sqrt((np.minimum(np.abs(shape), 10.0) ** 2).mean(axis=1)) if shape.shape[1] else np.zeros(len(table))
     size = np.log10(10.0 + np.nan_to_num(table["point_count"].to_numpy(dtype=np.float64)))
     worth = (_ENTROPY_FLOOR + entropy) * size * (1.0 + np.minimum(unusual, 2 * UNUSUAL) / UNUSUAL)
+    members = {int(k): np.flatnonzero(kind == k) for k in np.unique(kind)}
     novelty = np.ones(len(table))
     for known in np.flatnonzero(done).tolist():
-        novelty = np.minimum(novelty, _distance(shape, kind, known))
+        own = members[int(kind[known])]
+        novelty[own] = np.minimum(novelty[own], _distances(shape[own], shape[known]))
     offset = table["offset"].to_numpy(dtype=np.float64) if "offset" in table else np.zeros(len(table))
     is_far = np.abs(np.nan_to_num(offset)) > FAR
     rows: list[int] = []
@@ -60,8 +62,8 @@ def order_of_review(table: pd.DataFrame, decided: NDArray[np.floating], number: 
     for _ in range(min(number, int(left.sum()))):
         row = int(np.argmax(np.where(left, worth * novelty - _LAST * is_far, -np.inf)))
         rows.append(row)
-        left[row] = False
-        novelty = np.minimum(novelty, _distance(shape, kind, row))
+        left[row], own = False, members[int(kind[row])]
+        novelty[own] = np.minimum(novelty[own], _distances(shape[own], shape[row]))
     order = np.array(rows, dtype=np.int64)
     reasons = [_reason(score[r], float(entropy[r]), float(unusual[r]), float(size[r] - np.median(size))) for r in rows]
     reasons = [
@@ -108,12 +110,12 @@ def _standardised(table: pd.DataFrame) -> NDArray[np.float64]:
     return np.nan_to_num(away.to_numpy(dtype=np.float64) / np.where(scale > 0, scale, 1.0))
 
 
-def _distance(shape: NDArray[np.float64], kind: NDArray[np.integer], row: int) -> NDArray[np.float64]:
-    """Return how unlike each object is to one, 0 to 1; objects of other kinds have 1."""
-    if not shape.shape[1]:
-        return np.where(kind == kind[row], _NEAR, 1.0)
-    apart = np.sqrt(((shape - shape[row]) ** 2).mean(axis=1))
-    return np.where(kind == kind[row], apart / (apart + _NEAR), 1.0)
+def _distances(shape: NDArray[np.float64], one: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how unlike each object is to one of its kind, 0 to 1."""
+    if not len(one):
+        return np.full(len(shape), _NEAR)
+    apart = np.sqrt(((shape - one) ** 2).mean(axis=1))
+    return apart / (apart + _NEAR)
 
 
 def _reason(score: float, entropy: float, unusual: float, larger: float) -> str:
