@@ -109,6 +109,8 @@ def test_an_own_error_that_names_its_file_stands_alone():
     assert describe(SceneError("files", (own,), 1)) == f"{source} is empty (0 bytes)"
     elsewhere = SceneFailure("survey.empty_laz", source, "ReadError: no point is left")
     foreign = SceneFailure("survey.empty_laz", source, f"ValueError: {source} (las.py:3, in read)")
+    scene = SceneFailure("survey._.scene_00002", "model", "DataError: a.laz (scene_00002): class 9 is not in asprs")
+    assert describe(SceneError("labels", (scene,), 1)) == "a.laz (scene_00002): class 9 is not in asprs"
     for failure in (elsewhere, foreign):
         assert describe(SceneError("files", (failure,), 1)) == str(failure)
 

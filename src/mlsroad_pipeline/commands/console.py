@@ -289,7 +289,8 @@ def _failure(failure: SceneFailure) -> str:
     """Return the message alone of an own error that names the file; scene, file, type and message otherwise."""
     kind, _, message = failure.cause.partition(": ")
     own = isinstance(found := getattr(exceptions, kind, None), type) and issubclass(found, MlsRoadError)
-    return message if own and failure.source and failure.source in message else str(failure)
+    named = (failure.source, failure.scene.rpartition(".")[2])
+    return message if own and any(name and name in message for name in named) else str(failure)
 
 
 def _check_working_folder() -> None:

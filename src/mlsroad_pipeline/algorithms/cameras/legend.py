@@ -86,7 +86,8 @@ class Legend:
         if wrong.any():
             first = int(np.asarray(numbers)[wrong].min())
             count = int((numbers == first).sum())
-            raise DataError(f"{source}: class number {first} ({count} {unit}) is not in {self.source}")
+            unknown = f"class number {first} ({count} {unit}) is not in {self.source}"
+            raise DataError(f"{source}: {unknown}: name a class map with it")
         return place
 
     def of_numbers(self, numbers: NDArray[np.integer], scheme: ClassScheme, *, source: str) -> NDArray[np.float32]:
