@@ -93,6 +93,9 @@ def label(  # typer reads the options from the signature
     photos: Annotated[
         bool, typer.Option("--photos", help="Also write a photo of each object that images beside the points show.")
     ] = False,
+    within: Annotated[
+        float | None, typer.Option(metavar="METRES", help="List objects and lines this near to the path alone.")
+    ] = None,
     keep_classes: KeepClasses = False,
     keep: Annotated[
         str | None,
@@ -118,7 +121,7 @@ def label(  # typer reads the options from the signature
     report. A killed run continues with the same command.
     """
     options: dict[str, Any] = {"method": method, "model": model, "crs": crs, "copc": copc or None}
-    options |= {"export": export or None, "photos": photos or None, "overwrite": overwrite or None}
+    options |= {"export": export or None, "photos": photos or None, "overwrite": overwrite or None, "within": within}
     folder = None if labels is None else literal(expanded([labels])[0])
     kept = keep_classes or keep is not None
     given = {"keep_classes": kept or None, "keep": keep, "labels": folder, "labels_classes": labels_map}

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 from pyproj import CRS
 
-from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterError, ReadError
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_KINDS
 from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import paved_classes
@@ -81,6 +81,7 @@ def objects_task(
             "least_kerb": parameters.least_kerb,
             "least_marking": parameters.least_marking,
             "join_drives": parameters.join_drives,
+            "within": parameters.within,
             "method": bundle.slug,
             "model_version": version,
         },
@@ -105,6 +106,17 @@ def marking_warnings(
     reasons = [] if has_paved else ["the model has no class of paved ground"]
     reasons += [] if has_intensity(plan, files) else ["the survey has no intensity"]
     return [f"No road markings are listed: {reason}" for reason in reasons]
+
+
+def check_paths(corridors: SceneCollection, parameters: LabelParameters) -> None:
+    """Raise an error if objects shall be listed near the path, and a pass has none."""
+    for pass_key in corridors if parameters.within is not None else ():
+        if not isinstance(corridor_from_arrays(corridors[pass_key].load()), Trajectory):
+            name = pass_key.rpartition(".")[2]
+            raise ParameterError(
+                f"label.within {parameters.within:g} m: {'the survey' if name == '_' else name} has no path: put a "
+                "trajectory beside the points, or leave it out"
+            )
 
 
 def has_intensity(plan: SurveyPlan, files: SceneCollection) -> bool:

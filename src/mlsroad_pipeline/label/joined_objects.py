@@ -5,6 +5,7 @@ from typing import TypedDict, overload
 
 import numpy as np
 import pandas as pd
+import shapely
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
@@ -105,8 +106,12 @@ def join_objects(
     method: str,
     model_version: str,
     join_drives: bool | None,
+    within: float | None,
 ) -> JoinedObjects:
-    """Join the objects of all scenes of a survey into one table; `labels` are the classes of the model by name."""
+    """Join the objects of all scenes of a survey into one table; `labels` are the classes of the model by name.
+
+    Objects and lines farther than `within` metres from the path of their pass are left out.
+    """
     passes, lines = [], []
     for pass_key, arrays in corridors.items():
         corridor = corridor_from_arrays(arrays)
@@ -114,10 +119,11 @@ def join_objects(
         trajectory = corridor if isinstance(corridor, Trajectory) else None
         passes.append((scenes, trajectory))
         stored = kerbs[pass_key], wires[pass_key], barriers[pass_key], markings[pass_key]
-        lines.append(_lines_of_pass(*stored, trajectory, least_kerb=least_kerb, least_marking=least_marking))
+        found = _lines_of_pass(*stored, trajectory, least_kerb=least_kerb, least_marking=least_marking)
+        lines.append(numbered([_near_path(table, trajectory, within) for table in found]))
     scorer = classifier_of(model) if classifier else None
     joined, numbers = join_inventories(
-        passes, rules, classifier=scorer, least_score=least_score, join_drives=join_drives
+        passes, rules, classifier=scorer, least_score=least_score, join_drives=join_drives, within=within
     )
     table = mark_moving(with_sightings(joined, numbers, _sightings(sightings, list(corridors))))
     classes: ObjectClasses = {
@@ -144,14 +150,24 @@ def _lines_of_pass(
     *,
     least_kerb: float,
     least_marking: float,
-) -> pd.DataFrame:
-    """Return the lines of a pass; shorter kerbs and markings are left out, metres."""
+) -> list[pd.DataFrame]:
+    """Return the lines of a pass, a table per kind; shorter kerbs and markings are left out, metres."""
     kerb_lines = join_kerbs([stored.load() for stored in kerbs], trajectory, least_length=least_kerb)
     wire_lines = join_wires([stored.load() for stored in wires], trajectory)
     stripes = [stored.load() for stored in markings]
     marking_lines = join_markings(stripes, trajectory, kerbs=kerb_lines, least_length=least_marking)
     barrier_lines = join_barriers([stored.load() for stored in barriers], trajectory)
-    return numbered([kerb_lines, wire_lines, barrier_lines, marking_lines])
+    return [kerb_lines, wire_lines, barrier_lines, marking_lines]
+
+
+def _near_path(lines: pd.DataFrame, trajectory: Trajectory | None, within: float | None) -> pd.DataFrame:
+    """Return the lines with a vertex at most so many metres from the path; all where there is no limit or no path."""
+    if within is None or trajectory is None or lines.empty:
+        return lines
+    xyz, owner = shapely.get_coordinates(shapely.from_wkt(lines["line"].to_numpy()), include_z=True, return_index=True)
+    nearest = np.full(len(lines), np.inf)
+    np.minimum.at(nearest, owner, trajectory.distance(xyz))
+    return lines[nearest <= within]
 
 
 def join_inventories(
@@ -161,14 +177,17 @@ def join_inventories(
     classifier: ObjectClassifier | None = None,
     least_score: Mapping[str, float] | float = 0.0,
     join_drives: bool | None = None,
+    within: float | None = None,
 ) -> MergedObjects:
-    """Merge the objects of all scenes of several passes into one table; objects of a lower score are left out.
+    """Merge the objects of all scenes of several passes into one table, without those of a lower score or far away.
 
     `join_drives`: whether objects of two passes can be one; None decides by their coordinates.
     """
     found = [
-        merge_scenes(scenes, classes=rules, trajectory=trajectory, classifier=classifier, least_score=least_score)
-        for scenes, trajectory in passes
+        merge_scenes(
+            scenes, classes=rules, trajectory=path, classifier=classifier, least_score=least_score, within=within
+        )
+        for scenes, path in passes
     ]
     tables = [merged.objects for merged in found]
     comparable = are_comparable(tables) if join_drives is None else join_drives

@@ -14,6 +14,7 @@ from mlsroad_pipeline.algorithms.core.classes import ClassScheme
 from mlsroad_pipeline.algorithms.core.palette import class_palette
 from mlsroad_pipeline.algorithms.inventory.lines.extraction import LINE_FIELDS
 from mlsroad_pipeline.algorithms.inventory.objects.measures import EXTENT
+from mlsroad_pipeline.algorithms.inventory.objects.review import FAR
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
 from mlsroad_pipeline.algorithms.models.methods import needs_images
@@ -173,7 +174,7 @@ def label_report_sections(
     segmentation = segmentation_source(bundle)
     if segmentation is not None:
         facts["images segmented by"] = f"{segmentation['name']}, classes of {segmentation['classes']}"
-    facts |= _seen_by_cameras(bundle, counts)
+    facts |= _seen_by_cameras(bundle, counts) | _near_path(inventory.objects)
     lines = corrected_lines(inventory.lines, Path(parameters.output), inventory.trajectory)
     return [
         html.warnings_section("Warnings", list(warnings)),
@@ -192,6 +193,14 @@ def label_report_sections(
         html.table_section("Quality of the survey", quality),
         html.table_section("Files written", pd.DataFrame({"file": written_clouds(written)})),
     ]
+
+
+def _near_path(objects: pd.DataFrame) -> dict[str, str]:
+    """Return how many of the objects are near the path, for surveys with one."""
+    offset = objects["offset"].dropna().abs()
+    return (
+        {f"objects within {FAR:g} m of the path": f"{(offset <= FAR).sum()} of {len(objects)}"} if len(offset) else {}
+    )
 
 
 def _map_and_pictures(

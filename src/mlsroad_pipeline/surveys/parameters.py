@@ -105,6 +105,9 @@ class LabelParameters:
     # Whether an object or a line that several passes (folders of files) recorded is listed once. None does so where all
     # coordinates are farther than 10 km from the origin; those of single scans are of the scanner.
     join_drives: bool | None = None
+    # Largest distance of a listed object or line from the path in plan, metres; of a line, that of its nearest vertex.
+    # None lists all.
+    within: float | None = None
     # Changes of the limits of kerbs: `StepLimits`, and `least_length` in metres. None finds no kerbs.
     kerbs: Mapping[str, Any] | None = field(default_factory=dict)
     # Changes of `least_contrast` (standard deviations of the road) and `least_length` (metres). None finds no markings.
@@ -142,6 +145,8 @@ class LabelParameters:
                 raise ParameterError(f"label.{name} must be a single value, got {getattr(self, name)!r}")
         self.kerb_limits()
         _ = self.least_contrast, self.least_marking, self.given_classes
+        if self.within is not None:
+            check_positive(self.within, "label.within")
         object.__setattr__(self, "export", _formats(self.export))
         if self.photos and self.images is None:
             raise ParameterError("label.photos needs images: set label.images to the name of their camera file")

@@ -28,6 +28,8 @@ def test_points_beyond_the_ends_are_measured_along_the_extended_ends():
     station, offset = path.locate([[-7, 2, 0], [-7, -2, 0], [12, 14, 0]])
     np.testing.assert_allclose(station, [-7, -7, 24], atol=1e-12)
     np.testing.assert_allclose(offset, [-2, 2, 2], atol=1e-12)
+    distance = path.distance([[-7, 2, 0], [12, 14, 0], [4, -3, 9]])
+    np.testing.assert_allclose(distance, [np.hypot(7, 2), np.hypot(2, 4), 3], atol=1e-12)
 
 
 def test_outside_of_a_sharp_bend_has_the_distance_to_the_corner():

@@ -248,6 +248,11 @@ class Trajectory:
             station[part], offset[part] = polyline.locate(moved, vertices, stations, capsules)
         return station, offset
 
+    def distance(self, xyz: ArrayLike) -> NDArray[np.float64]:
+        """Return the distance of points from the path in plan, metres; unlike the offset, also beyond its ends."""
+        station, offset = self.locate(xyz)
+        return np.hypot(offset, np.maximum(np.maximum(-station, station - self.length), 0.0))
+
 
 def _stations(xy: NDArray[np.float64], minimum_step: float) -> NDArray[np.float64]:
     """Return the length travelled over positions at least `minimum_step` from the last kept one."""

@@ -124,6 +124,7 @@ def warn_of_survey(
         trajectory=parameters.trajectory is not None,
         missing_of=partial(missing_attributes, model.load()),
     )
+    label_inventory.check_paths(corridors, parameters)
     bundle = model.load()
     warnings += label_inventory.marking_warnings(plan, files, bundle, parameters)
     warnings += unusual_warnings(unusual_properties(bundle, facts))

@@ -34,6 +34,7 @@ from mlsroad_pipeline.algorithms.inventory.objects.stem_features import STEM_FEA
 from mlsroad_pipeline.algorithms.inventory.objects.trunks import find_trunks, split_trees
 from mlsroad_pipeline.algorithms.inventory.objects.voxel_sums import Voxels
 from mlsroad_pipeline.algorithms.models.machines.boosted_trees import BoostedTrees
+from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 
 SCHEME = ClassScheme(
     "street",
@@ -83,7 +84,7 @@ def planted_street():
     return xyz, label, probabilities.astype(np.float32)
 
 
-def cut_and_merged(*, cuts=(), least_score=0.0, buffer=3.0):
+def cut_and_merged(*, cuts=(), least_score=0.0, buffer=3.0, **limits):
     """Return the merged objects of the planted street, and the points of each scene with their numbers."""
     xyz, label, probabilities = planted_street()
     pieces, counts = [], []
@@ -99,7 +100,7 @@ def cut_and_merged(*, cuts=(), least_score=0.0, buffer=3.0):
                 classifier=Planted(),
             )
         )  # fmt: skip
-    merged = merge_scenes(pieces, classes=RULES, classifier=Planted(), least_score=least_score)
+    merged = merge_scenes(pieces, classes=RULES, classifier=Planted(), least_score=least_score, **limits)
     for piece in pieces:
         counts.append(np.bincount(merged.numbers[piece.scene][piece.part], minlength=len(merged.objects) + 1))
     return merged.objects, np.sum(counts, axis=0)
@@ -247,3 +248,13 @@ def test_every_feature_belongs_to_one_reason():
         for name in FEATURES:
             owners = [text for text, _, starts in REASONS[kind] if name.startswith(starts)]
             assert len(owners) <= 1, (kind, name, owners)
+
+
+def test_objects_far_from_the_path_are_not_listed_and_their_points_have_no_number():
+    path = Trajectory.from_positions(UTM + [[0.0, 0, 0], [40, 0, 0]])
+    every, of_points = cut_and_merged(cuts=(20.0,), trajectory=path)
+    near, of_near = cut_and_merged(cuts=(20.0,), trajectory=path, within=6.0)
+    assert {"tree"} == set(every["kind"]) - set(near["kind"]) and (near["offset"].abs() <= 6).all()
+    assert (every["kind"] != "tree").sum() == len(near) and (near["object_id"] == range(1, len(near) + 1)).all()
+    trees = of_points[1:][(every["kind"] == "tree").to_numpy()].sum()
+    assert trees > 0 and of_near[0] == of_points[0] + trees and of_near.sum() == of_points.sum()

@@ -242,8 +242,9 @@ def merge_scenes(
     trajectory: Trajectory | None = None,
     classifier: Classifier | None = None,
     least_score: Mapping[str, float] | float = 0.0,
+    within: float | None = None,
 ) -> MergedObjects:
-    """Merge the objects of all scenes into the inventory of a survey.
+    """Merge the objects of all scenes into the inventory of a survey, without those farther from the path.
 
     Fragments that share a voxel, directly or through others, are merged, then measured and filtered as one object. An
     object belongs to the scene whose core contains its foot.
@@ -260,6 +261,8 @@ def merge_scenes(
     listed = numbers.joined()
     least = listed["kind"].map(least_score).astype(np.float64) if isinstance(least_score, Mapping) else least_score
     listed = _without_pieces(listed[listed["score"] >= least])
+    if within is not None and trajectory is not None and len(listed):
+        listed = listed[trajectory.distance(listed[["x", "y", "z"]].to_numpy(np.float64)) <= within]
     objects, provisional = finish_table(listed, list(classes), trajectory)
     final = numbers.final(provisional, objects["object_id"].to_numpy())
     return MergedObjects(objects, dict(zip(scenes, final, strict=True)))
