@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-HOOKS = ("default_pipeline", "early_start", "label_run", "mlflow_run", "origin", "plain_logs", "progress", "stage_costs")
+HOOKS = "default_pipeline early_start label_run mlflow_run origin plain_logs progress stage_costs".split()
 LOADED = (
     "mlsroad_pipeline.commands.session",
     "mlsroad_pipeline.commands.console",
