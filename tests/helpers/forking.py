@@ -16,7 +16,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-HOOKS = "default_pipeline early_start label_run mlflow_run origin plain_logs progress stage_costs".split()
 LOADED = (
     "mlsroad_pipeline.commands.session",
     "mlsroad_pipeline.commands.console",
@@ -31,7 +30,13 @@ LOADED = (
     "mlsroad_pipeline.datasets.scene_store_dataset",
     "mlsroad_pipeline.datasets.model_datasets",
     "mlsroad_pipeline.algorithms.models.pool.labeller",
-    *(f"mlsroad_pipeline.hooks.{name}" for name in HOOKS),
+    "mlsroad_pipeline.hooks.default_pipeline",
+    "mlsroad_pipeline.hooks.label_run",
+    "mlsroad_pipeline.hooks.mlflow_run",
+    "mlsroad_pipeline.hooks.origin",
+    "mlsroad_pipeline.hooks.plain_logs",
+    "mlsroad_pipeline.hooks.progress",
+    "mlsroad_pipeline.hooks.stage_costs",
     "kedro.framework.context",
     "kedro.runner",
 )
