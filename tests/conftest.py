@@ -12,6 +12,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 # LightGBM's threads wait asleep. Where cores are shared, busy waiting takes thirty times the processor time.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
+import sys
+import types
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,8 @@ import pytest
 from helpers import forking
 from helpers.store import store_at
 
+# Open3D imports it for figures in a notebook, which takes longer than the rest of Open3D.
+sys.modules.setdefault("dash", types.SimpleNamespace(html=None, dcc=None, Dash=None))  # type: ignore[arg-type]
 gc.disable()  # until all tests are collected: the imports leave little garbage, and collecting it takes a tenth of their time
 REPOSITORY = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("MLSROAD_DATA", REPOSITORY.parent / "shared" / "data"))
@@ -139,18 +143,21 @@ def pytest_collection_modifyitems(items):
     if missing := [str(path) for path in place if not path.is_file()]:
         raise pytest.UsageError(f"LONG in tests/conftest.py names missing files: {missing}")
     marks: dict[Path, list[str]] = {Path(__file__): []}
+    marks_of_test: dict[int, set[str]] = {}  # by the fixtures, which all parameters of a test share
     for item in items:
-        files = _files_of(item)
-        for path in files - marks.keys():
-            marks[path] = _marks_of(path, place)
-        for mark in {mark for path in files for mark in marks[path]}:
+        test = id(item._fixtureinfo)
+        if test not in marks_of_test:
+            files = _files_of(item)
+            for path in files - marks.keys():
+                marks[path] = _marks_of(path, place)
+            marks_of_test[test] = {mark for path in files for mark in marks[path]}
+        for mark in marks_of_test[test]:
             item.add_marker(mark)
     items.sort(key=lambda item: place.get(item.path, len(LONG)))
 
 
 def pytest_collection_finish():
     """Leave the modules and tests out of garbage collection, and collect less often: it takes a tenth of most runs."""
-    gc.collect()
     gc.freeze()
     gc.set_threshold(50_000, 20, 50)
     gc.enable()

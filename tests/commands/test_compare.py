@@ -6,12 +6,13 @@ import geopandas as gpd
 import numpy as np
 import pandas as pd
 import pytest
+from helpers.forking import ALONE
 from helpers.labelled import write_true_classes
 
 from mlsroad_pipeline.review.corrections import Correction, open_corrections
 
 SHIFT = np.array([1.2, -0.7])
-GIVEN = ("--class-map", "mlsroad", "--workers", 1)
+GIVEN = ("--class-map", "mlsroad", *ALONE)
 """Options of `inventory`: the classes of the points are those of the file."""
 
 

@@ -7,6 +7,7 @@ import geopandas as gpd
 import numpy as np
 import pandas as pd
 import pytest
+from helpers.forking import ALONE
 from helpers.labelled import write_true_classes
 from PIL import Image
 
@@ -27,7 +28,7 @@ def folder(run, tmp_path_factory):
     for name, parameters in (("first", first), ("later", another_year(first, 2, offset=tuple(OFFSET)))):
         write_simulated_survey(parameters=parameters, folder=str(place / name), n_threads=1)
         write_true_classes(place / name / "survey.laz")
-        done = run("inventory", name, "--class-map", "mlsroad", "--workers", 1, cwd=place)
+        done = run("inventory", name, "--class-map", "mlsroad", *ALONE, cwd=place)
         assert done.returncode == 0, done.stderr
     return place
 

@@ -49,7 +49,7 @@ def test_an_inventory_needs_no_model_and_changes_no_class(run, folder):
 
 
 def test_an_inventory_of_no_classes_is_an_error(run, folder):
-    done = run("inventory", "street/survey.laz", "-o", "none", cwd=folder)
+    done = run("inventory", "street/survey.laz", "-o", "none", *ALONE, cwd=folder)
     assert done.returncode == 1 and "survey.laz: no point has a class" in done.stderr
     assert done.stderr.count("\n") == 1 and not (folder / "none/survey.laz").exists()
 

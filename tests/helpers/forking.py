@@ -1,6 +1,7 @@
 """Processes of `mlsroad` that are forked from one that has imported it: each its own, without the seconds of the imports.
 
-A command starts with the modules of `label` loaded; what it loads by itself is tested with a process from the start.
+A command starts with most modules and with the kernels of `label` loaded, as workers do; what it loads by itself is
+tested with a process from the start.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,8 +20,23 @@ LOADED = (
     "mlsroad_pipeline.commands.session",
     "mlsroad_pipeline.commands.console",
     "mlsroad_pipeline.label.warm_up",
+    "mlsroad_pipeline.label.road",
     "mlsroad_pipeline.pipelines.label.pipeline",
     "mlsroad_pipeline.pipelines.inspect",
+    "mlsroad_pipeline.pipelines.score",
+    "mlsroad_pipeline.pipeline_registry",
+    "mlsroad_pipeline.config",
+    "mlsroad_pipeline.datasets.inventory_dataset",
+    "mlsroad_pipeline.datasets.scene_store_dataset",
+    "mlsroad_pipeline.datasets.model_datasets",
+    "mlsroad_pipeline.algorithms.models.pool.labeller",
+    "mlsroad_pipeline.hooks.default_pipeline",
+    "mlsroad_pipeline.hooks.label_run",
+    "mlsroad_pipeline.hooks.mlflow_run",
+    "mlsroad_pipeline.hooks.origin",
+    "mlsroad_pipeline.hooks.plain_logs",
+    "mlsroad_pipeline.hooks.progress",
+    "mlsroad_pipeline.hooks.stage_costs",
     "kedro.framework.context",
     "kedro.runner",
 )
@@ -113,6 +130,8 @@ if __name__ == "__main__":
     for module in LOADED:
         importlib.import_module(module)
     assert "mlsroad_pipeline.settings" not in sys.modules
+    importlib.import_module("mlsroad_pipeline.label.warm_up").run_stages()
+    assert threading.active_count() == 1  # a fork would lose others
     gc.freeze()  # the memory stays shared
     given = _next_request()
     if given is not None:

@@ -37,6 +37,7 @@ from omegaconf import base as omegaconf_base
 
 from mlsroad_pipeline import pipeline_registry
 from mlsroad_pipeline.algorithms.models.methods import METHODS
+from mlsroad_pipeline.reporting.clouds.view import birds_eye_view, oblique_view
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PACKAGE = "mlsroad_pipeline"
@@ -148,7 +149,8 @@ def parsed_once() -> Iterator[None]:
     """Do what every session of Kedro repeats once per process; together it takes longer than most tests.
 
     That is to parse each text of a configuration and each reference in it, to make the pipelines, and to read the
-    signatures of datasets, of which each parameter has one. Kedro also tries to import ibis for each of them; where it
+    signatures of datasets, of which each parameter has one. MLflow looks for all installed packages before it loads a
+    model, to compare them with those of the model. Kedro also tries to import ibis for each of them; where it
     is missing, Python looks through all folders.
     """
     if importlib.util.find_spec("ibis") is None:
@@ -161,6 +163,7 @@ def parsed_once() -> Iterator[None]:
             mock.patch.object(kedro_core, "getcallargs", _arguments),
             mock.patch.object(KedroContext, "_get_parameters", _parameters_of_run),
             mock.patch.object(pipeline_registry, "register_pipelines", _pipelines_once),
+            mock.patch.object(mlflow.pyfunc, "warn_dependency_requirement_mismatches", lambda *_: None),
         ):
             yield
     finally:
@@ -169,11 +172,16 @@ def parsed_once() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def figures_without_text() -> Iterator[None]:
-    """Draw figures without text and without fitting them to it, which takes a quarter of a run of all methods."""
+def small_figures() -> Iterator[None]:
+    """Draw figures without text, without fitting them to it, and from small pictures of clouds.
+
+    Together they take 40 % of a run of all methods.
+    """
     with (
         mock.patch.object(Text, "draw", lambda *_: None),
         mock.patch.object(ConstrainedLayoutEngine, "execute", lambda *_: None),
+        mock.patch.dict(birds_eye_view.__kwdefaults__, width=400),
+        mock.patch.dict(oblique_view.__kwdefaults__, size=(400, 225)),
     ):
         yield
 
@@ -189,7 +197,7 @@ def session_of(project: Path, *, env: str | None = None, **parameters: Any) -> I
         with (
             mock.patch.dict(os.environ, environment, clear=True),  # MLflow copies the address in use to the environment
             parsed_once(),
-            figures_without_text(),
+            small_figures(),
             contextlib.chdir(project),
             KedroSession.create(project, env=env, runtime_params=parameters) as session,
         ):

@@ -72,7 +72,7 @@ def test_scores_over_all_and_over_visible_points_are_those_of_the_stored_labels(
     for split, (right, count) in zip(("test", "test_visible"), total, strict=True):
         row = table.loc["image_labels", split, "all", "overall_accuracy"]
         assert row["support"] == count and row["value"] == pytest.approx(right / count)
-    assert total[1, 0] / total[1, 1] > 0.3  # sixty steps teach that most of it is road
+    assert total[1, 0] / total[1, 1] > 0.3  # forty steps teach that most of it is road
 
 
 def test_fusion_is_learned_on_the_first_scenes_and_scored_on_the_others(project, stored):

@@ -1,4 +1,4 @@
-"""Small survey, its server, and a tab with the page, for each module of tests."""
+"""Small survey, its server, and the page of a shared browser, for each module of tests."""
 
 import pytest
 from helpers.browser import browser_page
@@ -27,14 +27,21 @@ def server(folder, options):
         yield server
 
 
-@pytest.fixture(scope="module")
-def opened(server, tmp_path_factory):
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory):
+    """One browser for all modules: its start and its first picture take as long as five tests."""
     with browser_page(tmp_path_factory.mktemp("chromium")) as tab:
-        tab.open(server.address, width=1200, height=800)
-        tab.until(READY)
-        tab.until("page.model.queued && page.model.counted")
-        settle(tab)
         yield tab
+
+
+@pytest.fixture(scope="module")
+def opened(server, browser):
+    browser.open(server.address, width=1200, height=800)
+    browser.until(READY)
+    browser.until("page.model.queued && page.model.counted")
+    settle(browser)
+    yield browser
+    browser.open("about:blank")  # no request reaches a server that has ended
 
 
 @pytest.fixture

@@ -95,7 +95,7 @@ def test_static_objects_are_off_the_carriageway(streets):
 def test_the_number_of_hard_cases_follows_the_parameter():
     found = []
     for share in (0.0, 0.3, 1.0):
-        street = draw_street(2, length=120.0, parameters=replace(STREETS["town"], hard_cases=share))
+        street = draw_street(2, length=120.0, parameters=replace(STREETS["town"], hard_cases=share, **BARE))
         placed = populate(street, 0) + populate(street, 1)
         cases = [p for p in placed if p.hard_case]
         found.append(len(cases))
@@ -107,7 +107,7 @@ def test_the_number_of_hard_cases_follows_the_parameter():
 
 
 def test_lamps_keep_their_spacing():
-    parameters = replace(STREETS["town"], lamp_spacing=30.0, hard_cases=0.0, junction_spacing=0.0)
+    parameters = replace(STREETS["town"], lamp_spacing=30.0, hard_cases=0.0, junction_spacing=0.0, **BARE)
     street = draw_street(5, length=240.0, parameters=parameters)
     placed = [p for block in range(3) for p in populate(street, block)]
     lamps = np.array([p.base for p in placed if p.label == TAXONOMY["light_pole"]])
@@ -131,7 +131,7 @@ def test_cars_stand_within_their_bays():
 
 
 def test_wires_hang_from_pole_to_pole_with_sag():
-    street = draw_street(0, length=120.0, parameters=STREETS["suburb"])
+    street = draw_street(0, length=120.0, parameters=replace(STREETS["suburb"], **BARE))
     placed = [p for block in range(3) for p in populate(street, block)]
     wires = [p for p in placed if p.label == WIRE]
     poles = [p for p in placed if p.label == TAXONOMY["utility_pole"]]

@@ -14,11 +14,30 @@ _HALF = 32
 """Leaves of half a tree."""
 
 
-def leaf_slots(n_leaves: int) -> NDArray[np.intp]:
-    """Return the place of each leaf, from left to right, in the table of leaf values of a tree."""
-    bits = np.uint32(1) << np.arange(_HALF, dtype=np.uint32)
-    of_half = (bits * _FACTOR >> _SHIFT).astype(np.intp)
-    return np.concatenate([of_half, of_half + _HALF])[:n_leaves]
+LEAF_SLOTS = np.add.outer((0, _HALF), (np.uint32(1) << np.arange(_HALF, dtype=np.uint32)) * _FACTOR >> _SHIFT).ravel()
+"""Place of each leaf, from left to right, in the table of leaf values of a tree."""
+
+
+@njit(cache=True, nogil=True)
+def order_leaves(left: NDArray, right: NDArray, starts: NDArray, masks: NDArray, ordered: NDArray) -> None:
+    """Write the bits of the leaves of each node's left subtree, and the leaves of each tree from left to right."""
+    path, first = np.empty(2 * _HALF, np.int64), np.empty(2 * _HALF, np.uint64)
+    one = np.uint64(1)
+    for tree in range(len(starts) - 1):
+        node = starts[tree]
+        child, depth, n = 0 if starts[tree + 1] > node else -1, 0, np.uint64(0)
+        while True:
+            while child >= 0:
+                path[depth], first[depth] = child, n
+                depth += 1
+                child = left[node + child]
+            ordered[node + tree + np.int64(n)] = -1 - child  # a tree has one leaf more than nodes
+            n += one
+            if depth == 0:
+                break
+            depth -= 1
+            masks[node + path[depth]] = (one << n) - (one << first[depth])
+            child = right[node + path[depth]]
 
 
 @njit(cache=True, nogil=True)

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
 from mlsroad_pipeline.algorithms.core.validation import check_arrays
 from mlsroad_pipeline.algorithms.geometry.threads import run_in_chunks
-from mlsroad_pipeline.algorithms.models.machines.boosted_kernels import add_trees, leaf_slots
+from mlsroad_pipeline.algorithms.models.machines.boosted_kernels import LEAF_SLOTS, add_trees, order_leaves
 
 _NAN_MISSING = 2
 """LightGBM's code of missing values that are NaN, in bits 2 and 3 of a decision type."""
@@ -226,13 +226,12 @@ def _prepare(trees: BoostedTrees) -> _Prepared:
     n_bytes = 4 if int(np.max(trees.n_leaves, initial=1)) <= 32 else 8
     n_leaves = trees.n_leaves.astype(np.int64)
     leaf_starts, node_starts = np.cumsum([0, *n_leaves]), np.cumsum([0, *(n_leaves - 1)])
-    excluded = np.zeros((len(trees.feature), n_bytes), np.uint8)
+    masks, ordered = np.zeros(len(trees.feature), "<u8"), np.zeros(len(trees.leaf), np.int64)
+    order_leaves(trees.left, trees.right, node_starts, masks, ordered)
+    excluded = np.ascontiguousarray(masks.view(np.uint8).reshape(-1, 8)[:, :n_bytes])
     leaves = np.zeros((len(trees), 8 * n_bytes), np.float32)
-    for tree in range(len(trees)):
-        nodes = slice(node_starts[tree], node_starts[tree + 1])
-        own, ordered = _masks_of(trees.left[nodes].tolist(), trees.right[nodes].tolist())
-        excluded[nodes] = np.array(own, "<u8").view(np.uint8).reshape(-1, 8)[:, :n_bytes]
-        leaves[tree, leaf_slots(len(ordered))] = trees.leaf[leaf_starts[tree] : leaf_starts[tree + 1]][ordered]
+    tree = np.repeat(np.arange(len(trees)), n_leaves)
+    leaves[tree, LEAF_SLOTS[np.arange(len(tree)) - leaf_starts[tree]]] = trees.leaf[leaf_starts[tree] + ordered]
     node, octet = np.nonzero(excluded)
     return _Prepared(
         np.concatenate([np.zeros(0, np.float32), *of_feature]),
@@ -244,25 +243,6 @@ def _prepare(trees: BoostedTrees) -> _Prepared:
         ~excluded[node, octet],
         leaves,
     )
-
-
-def _masks_of(left: list[int], right: list[int]) -> tuple[list[int], list[int]]:
-    """Return the bits of the leaves of each node's left subtree, and the leaves from left to right."""
-    if not left:
-        return [], [0]
-    ordered: list[int] = []
-    below, whole = [0] * len(left), [0] * len(left)
-
-    def walk(child: int) -> int:
-        if child < 0:
-            ordered.append(-1 - child)
-            return 1 << (len(ordered) - 1)
-        below[child] = walk(left[child])
-        whole[child] = below[child] | walk(right[child])
-        return whole[child]
-
-    walk(0)
-    return below, ordered
 
 
 class ThresholdCodes:
