@@ -70,7 +70,20 @@ RECORDINGS = {  # environment: properties, property of the class, files of train
         [*XYZ, ("label", "<i4")], "label", ["area1.ply", "area2.ply"], ["area3.ply"],
         {1: "road", 4: "brushwood", 7: "other_object"},
     ),
+    "whu_urban3d": (
+        None, "semantics", ["0404.npz", "2002.npz"], ["2323.npz", "8038.npz"],
+        {100901: "hydrant", 103500: "post", 105400: "other_object", 200000: "bridge"},
+    ),
 }  # fmt: skip
+
+
+def write_npz(path, codes):
+    """Write a scene of WHU-Urban3D with a point per code, with the arrays and types of its HDF5 files."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    coords = np.zeros((len(codes), 3), np.float32)
+    coords[:, 0] = np.arange(len(codes))
+    intensity, semantics = np.arange(len(codes), dtype=np.float32), np.array(codes, np.int64)
+    np.savez(path, coords=coords, intensity=intensity, semantics=semantics, instances=semantics)
 
 
 @pytest.mark.parametrize("env", RECORDINGS)
@@ -79,7 +92,8 @@ def test_recordings_that_are_not_at_hand_are_read_with_their_classes(project, tm
     parameters = parameters_of(project, env, tmp_path)
     codes = sorted(parameters["classes"]["codings"][env])
     for name in (*train, *test):
-        write_ply(tmp_path / "folder" / name, properties, codes, label)
+        path = tmp_path / "folder" / name
+        write_ply(path, properties, codes, label) if properties else write_npz(path, codes)
     plan = plan_comparison(parameters["survey"], parameters["ingest"], parameters["classes"]["codings"])
     wanted = [*(("train", name) for name in train), *(("test", name) for name in test)]
     assert [(file.split, os.path.relpath(file.source.path, tmp_path / "folder")) for file in plan.files] == wanted
