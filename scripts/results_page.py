@@ -151,9 +151,19 @@ def _plain(cell: str) -> str:
     return cell.strip("`*")
 
 
+def gone_scripts(table: Table) -> list[str]:
+    """Return the scripts of the command and data of a table that are not in the tree any more."""
+    named = re.findall(r"\b(?:benchmarks|scripts)/\w+\.(?:py|sh)\b", f"{table['command']} {table['data']}")
+    return sorted(name for name in set(named) if not (ROOT / name).exists())
+
+
 def provenance(table: Table) -> str:
     """Return command, data, commit, date, seed and digest of a table in one line."""
-    parts = [f"`{table['command']}`", table["data"], f"commit `{table['commit'][:9]}`, {table['date']}"]
+    parts = [
+        f"`{table['command']}`{' ‡' * bool(gone_scripts(table))}",
+        table["data"],
+        f"commit `{table['commit'][:9]}`, {table['date']}",
+    ]
     if table["seed"] is not None:
         seeds = table["seed"] if isinstance(table["seed"], list) else [table["seed"]]
         row = len(seeds) > 2 and seeds == list(range(seeds[0], seeds[-1] + 1))
@@ -170,8 +180,8 @@ def results_page(tables: dict[str, Table]) -> str:
         "# Results",
         "",
         "All figures of the manual, generated from `results/*.json` by `python scripts/results_page.py`. Commit and "
-        "command are those with which a table was recorded; the commit has scripts that were removed later. "
-        "Recordings lie below `$MLSROAD_DATA`.",
+        "command are those with which a table was recorded; ‡: that commit alone has a script. Recordings lie below "
+        "`$MLSROAD_DATA`.",
         "",
         "Versions of a method: = printed, by text and equations of its paper alone; + improved; ○ baseline of a paper; "
         "† published, of the paper's own data. Simulated and recorded data are not comparable.",

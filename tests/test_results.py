@@ -79,6 +79,20 @@ def test_linked_figures_are_cells_of_the_table(tables):
     assert wrong == []
 
 
+def git(*arguments):
+    return subprocess.run(["git", "-C", REPOSITORY, *arguments], capture_output=True, text=True, check=False)
+
+
+def test_commits_of_tables_and_pages_exist_and_have_the_scripts_that_are_gone(tables):
+    if git("rev-parse", "--is-shallow-repository").stdout.strip() != "false":
+        pytest.skip("needs the history of the repository")
+    wanted = {(table["commit"], name) for table in tables.values() for name in results_page.gone_scripts(table)}
+    texts = [table["text"] for table in tables.values()] + [read(page) for page in results_page.pages()]
+    named = re.findall(r"(?<![\w.])(?=[0-9a-f]*[a-f])(?=[0-9a-f]*\d)[0-9a-f]{8,9}(?![\w.])", " ".join(texts))
+    wanted |= {(commit, "") for commit in [*named, *(table["commit"] for table in tables.values())]}
+    assert [f"{commit}:{name}" for commit, name in wanted if git("cat-file", "-e", f"{commit}:{name}").returncode] == []
+
+
 def test_pages_have_no_scores_of_their_own():
     docs = REPOSITORY / "docs"
     pages = [REPOSITORY / "README.md", docs / "tutorial.md", *docs.rglob("methods/**/*.md"), *docs.rglob("*_study.md")]
@@ -152,6 +166,12 @@ def test_page_has_anchor_table_and_provenance(tmp_path):
     assert '<a id="toy"></a>' in text and "[Toy streets](#toy)" in text
     assert "|method|overall accuracy|mean F1|\n|---|---|---|\n|a|0.9|0.8|" in text
     assert "`make run`; a street; commit `abc1234`, 2026-11-20; seeds 1, 2; `sha256:0123456789ab`." in text
+
+
+@pytest.mark.parametrize(("script", "mark"), [("benchmarks/gone.py", " ‡"), ("scripts/results_page.py", "")])
+def test_page_marks_commands_whose_script_is_gone(tmp_path, script, mark):
+    table = store(tmp_path, command=f"python {script} --all")
+    assert f"`python {script} --all`{mark}; a street" in results_page.results_page(table)
 
 
 @pytest.mark.parametrize(
