@@ -69,7 +69,7 @@ def extract_objects(
     """Extract and measure the objects of a scene.
 
     Points of one class that are connected form an object. With evidence and a classifier, the class probabilities form
-    candidates instead (`candidate_labels.raised_labels`), and the classifier gives each a score: the probability that
+    candidates instead (`candidate_table.raised_labels`), and the classifier gives each a score: the probability that
     it is an object of its kind.
 
     Parameters
