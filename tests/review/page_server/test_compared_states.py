@@ -5,7 +5,7 @@ import csv
 import pandas as pd
 import pytest
 from helpers.page_output import write_output
-from helpers.page_tab import decide, entries, reload
+from helpers.page_tab import click_at, decide, entries, reload, settle
 from typer.testing import CliRunner
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
@@ -215,3 +215,21 @@ def test_the_list_is_checked_by_keys_and_a_reload_keeps_it(tab, server, folder):
     assert tab.js("page.model.entry.name") == "L2" and progress().startswith("2 of 3")
     tab.js("document.querySelector('#rest').click()")
     assert len(entries(tab)) == 5
+
+
+def test_the_map_draws_the_listed_entries_and_a_click_chooses_one(tab):
+    tab.js("page.actions.showList('objects'); page.map.fit()")
+    settle(tab)
+    tab.js("window.before = page.map.element.querySelector('canvas').toDataURL()")
+    tab.js("page.actions.showList('register')")
+    settle(tab)
+    assert tab.js("page.map.element.querySelector('canvas').toDataURL() !== window.before")
+    assert tab.js("page.model.listedEntries().map((entry) => entry.name)") == ["L2", "L3", "object 4"]
+    x, y = tab.js(
+        "(() => { const [x, y] = page.map.plan(page.model.entriesOf('register')[2]);"
+        "const b = page.map.element.getBoundingClientRect(); return [b.x + x, b.y + y]; })()"
+    )
+    click_at(tab, (x, y))
+    assert tab.js("page.model.entry.name") == "L3"
+    click_at(tab, (x, y + 40))  # nothing is there
+    assert tab.js("page.model.entry.name") == "L3"
