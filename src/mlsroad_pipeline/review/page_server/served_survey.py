@@ -145,6 +145,7 @@ class ServedSurvey:
             if (file := files.get(decision.correction.payload["file"])) is not None
             and decision.correction.paints(file.name, file.header.n_points)
         ]
+        lost = {decision.identifier for decision in states.unmatched}
         decisions = [
             {
                 "id": decision.identifier,
@@ -155,6 +156,7 @@ class ServedSurvey:
                 "what": decision.correction.described,
                 "line": decision.correction.payload.get("line"),
                 "entry": [decision.correction.payload.get(name) for name in ("table", "entry")],
+                "lost": decision.identifier in lost,
             }
             for decision in self.store.current()
         ]
