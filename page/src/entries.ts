@@ -28,7 +28,7 @@ export class Entries {
     const { model } = this;
     const { asked } = model.survey;
     const rank = (entry: Entry) => Number(!entry.asks) * 100 + Number(model.checked(entry) !== "") * 50 + asked[model.list].indexOf(entry.state);
-    return model.entriesOf(model.list).filter((entry) => entry.asks || model.allEntries).sort((a, b) => rank(a) - rank(b));
+    return model.listedEntries().sort((a, b) => rank(a) - rank(b));
   }
 
   go(entry: Entry): void {

@@ -86,7 +86,7 @@ async function start(): Promise<void> {
   const map = new SurveyMap(model, cloud, (id) => actions.go(id), (line) => {
     actions.showList("lines");
     actions.lines.go(line);
-  });
+  }, (entry) => actions.entries.go(entry));
   const grid = new SectionGrid(model, cloud);
   host.append(tools(model, cloud, actions));
   left.append(filters(model, (value) => {

@@ -6,7 +6,7 @@ import type { Cloud } from "./cloud";
 import { el } from "./dom";
 import type { Model, RoadObject } from "./model";
 import { Selecting } from "./selecting";
-import type { RoadLine } from "./types";
+import type { Entry, RoadLine } from "./types";
 
 /** Box of an object in plan, world coordinates. */
 function boxRing({ cells }: RoadObject): [number, number][] | undefined {
@@ -32,6 +32,7 @@ export class SurveyMap {
     private readonly cloud: Cloud,
     private readonly pick: (id: number) => void,
     private readonly pickLine: (line: RoadLine) => void,
+    private readonly pickEntry: (entry: Entry) => void,
   ) {
     this.selecting = new Selecting(model);
     this.background = model.survey.background ? new Background(model.source, () => this.draw()) : null;
@@ -61,7 +62,7 @@ export class SurveyMap {
       this.zoom(Math.exp(-event.deltaY / 400));
     }, { passive: false });
     new ResizeObserver(() => this.fit()).observe(this.element);
-    model.on(["filter", "decisions", "selection", "view", "theme", "tool", "marked"], () => this.draw());
+    model.on(["filter", "decisions", "selection", "view", "theme", "tool", "marked", "queue"], () => this.draw());
   }
 
   private toggleBackground(): void {
@@ -231,13 +232,32 @@ export class SurveyMap {
       context.stroke();
       context.globalAlpha = 1;
     }
+    this.entries(context);
     if (!model.entry) return;
-    const [x, y] = this.at(...(model.placeOf(model.entry).slice(0, 2) as [number, number]));
+    const [x, y] = this.plan(model.entry);
     context.beginPath();
     context.arc(x, y, 10, 0, 2 * Math.PI);
     context.lineWidth = 3;
     context.strokeStyle = "#ffd21f";
     context.stroke();
+  }
+
+  private plan({ x, y }: Entry): [number, number] {
+    const { origin } = this.model.survey;
+    return this.at(x - origin[0], y - origin[1]);
+  }
+
+  /** Draw the listed entries of a compared table: diamonds, full ones where the state was checked. */
+  private entries(context: CanvasRenderingContext2D): void {
+    const { model } = this;
+    for (const entry of model.listedEntries()) {
+      const [x, y] = this.plan(entry);
+      const colour = kindColour(entry.kind, model.kinds);
+      this.line(context, [[x - 7, y], [x, y - 7], [x + 7, y], [x, y + 7]], colour, 2, true);
+      if (!model.checked(entry)) continue;
+      context.fillStyle = colour;
+      context.fill();
+    }
   }
 
   private camera(context: CanvasRenderingContext2D): void {
@@ -305,6 +325,8 @@ export class SurveyMap {
     if (!drag || drag.moved >= 4) return;
     const [x, y] = this.world(event);
     let best = 10 / this.scale;
+    const entry = this.entryAt(x, y, best);
+    if (entry) return this.pickEntry(entry);
     let found: number | null = null;
     for (const object of this.model.objects) {
       if (!this.model.shown(object)) continue;
@@ -315,6 +337,14 @@ export class SurveyMap {
     if (found !== null) this.pick(found);
     else if (line) this.pickLine(line);
     else this.cloud.moveTo(x, y);
+  }
+
+  /** Nearest listed entry within a distance. */
+  private entryAt(x: number, y: number, reach: number): Entry | undefined {
+    const { model } = this;
+    const { origin } = model.survey;
+    const far = (entry: Entry) => Math.hypot(entry.x - origin[0] - x, entry.y - origin[1] - y);
+    return model.listedEntries().filter((entry) => far(entry) < reach).sort((a, b) => far(a) - far(b))[0];
   }
 
   /** Line within some pixels of a place. */

@@ -168,7 +168,7 @@ export function review(model: Model, actions: Actions): HTMLElement {
     clear(history);
     for (const decision of [...model.decisions].reverse().slice(0, 100)) {
       const about = decision.object_id ? ` ${decision.object_id}` : "";
-      history.append(el("li", {}, el("b", {}, `${decision.action.replace("_", " ")}${about}`), ` ${decision.what} `, el("small", {}, `${decision.who}, ${new Date(decision.made).toLocaleString()}`)));
+      history.append(el("li", {}, el("b", {}, `${decision.action.replace("_", " ")}${about}`), ` ${decision.what} `, decision.lost && el("em", {}, "matches no object "), el("small", {}, `${decision.who}, ${new Date(decision.made).toLocaleString()}`)));
     }
   }
 

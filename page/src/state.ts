@@ -192,6 +192,11 @@ export class State {
     return this.survey.entries[table] ?? [];
   }
 
+  /** Entries of the compared table that is listed: those with a question, and the others on demand. */
+  listedEntries(): Entry[] {
+    return this.entriesOf(this.list).filter((entry) => entry.asks || this.allEntries);
+  }
+
   tableOf(entry: Entry): string {
     return this.tables.get(entry)!;
   }

@@ -115,6 +115,8 @@ export interface Decision {
   line: number | null;
   /** Compared table and entry that it is about. */
   entry: [string | null, string | null];
+  /** Whether the object that it is about is listed no more. */
+  lost: boolean;
 }
 
 /** Texts about an object that users have typed. */

@@ -11,6 +11,7 @@ from helpers.labelled import scheme as configured_scheme
 from helpers.labelled import write_true_classes
 
 from mlsroad_pipeline.algorithms.core.classes import ClassScheme
+from mlsroad_pipeline.review.corrections import Correction, open_corrections
 
 SCHEME = ClassScheme.from_config("road_inventory", configured_scheme())
 
@@ -46,6 +47,11 @@ def test_an_inventory_needs_no_model_and_changes_no_class(run, folder):
     assert len(objects) and set(objects["kind"]) <= {"pole", "sign", "tree", "vehicle"}
     again = run("inventory", "classified.laz", cwd=folder)
     assert again.stdout.startswith("Already labelled")
+    with open_corrections(folder / "classified_mlsroad") as store:
+        store.add(Correction("reject", int(objects["object_id"].iloc[0])), who="ann")
+    again = run("inventory", "classified.laz", "--export", "csv", cwd=folder)
+    assert again.stdout.startswith("Already labelled") and (folder / "classified_mlsroad/inventory.csv").is_file()
+    assert "as labelled, without 1 decision: mlsroad export" in " ".join(again.stdout.split())
 
 
 def test_an_inventory_of_no_classes_is_an_error(run, folder):

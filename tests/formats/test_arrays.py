@@ -119,6 +119,24 @@ def test_arrays_of_numpy(tmp_path, rng, caplog):
     np.testing.assert_array_equal(NpzFormat().read(tmp_path / "d.npy", DEFAULT).xyz, points[:, :3].astype(np.float64))
 
 
+def test_an_array_of_dates_is_the_time_and_one_of_the_seconds_of_a_turn_is_not(tmp_path, rng):
+    xyz, dates = rng.random((20, 3)), 1_557_539_924.5 + np.arange(20.0)
+    read = NpzFormat().read
+    for name, times in {"dates": dates, "turn": np.linspace(0, 0.1, 20), "unknown": np.full(20, np.nan)}.items():
+        np.savez(tmp_path / f"{name}.npz", xyz=xyz, time=times, sweep=np.arange(20))
+        cloud = read(tmp_path / f"{name}.npz", DEFAULT)
+        own = "gps_time" if name == "dates" else "time"
+        assert set(cloud.columns) == {own, "sweep"}
+        np.testing.assert_array_equal(cloud[own], times)
+    path = tmp_path / "dates.npz"
+    assert set(read(path, ReadOptions(columns={"label": "sweep"})).columns) == {"gps_time", "label"}
+    assert set(read(path, ReadOptions(only=("gps_time",))).columns) == {"gps_time"}
+    assert set(read(path, ReadOptions(columns={"when": "time"})).columns) == {"when", "sweep"}
+    assert dict(NpzFormat().info(path, DEFAULT).columns)["gps_time"] == np.float64
+    np.savez(path, xyz=xyz, time=dates, timestamp=dates + 1)
+    np.testing.assert_array_equal(read(path, DEFAULT)["gps_time"], dates + 1)
+
+
 def zipped(entries):
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from mlsroad_pipeline.algorithms.core.exceptions import DataError, ReadError
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.formats.base import ReadOptions, WriteOptions
+from mlsroad_pipeline.formats.column_names import ALIASES
 from mlsroad_pipeline.formats.files import FileKey, atomic_file, check_expansion, file_key
 from mlsroad_pipeline.formats.standard_columns import COLOURS, COORDINATES
 from mlsroad_pipeline.formats.tables import PointTable, TableFormat
@@ -27,6 +28,7 @@ VECTORS = {
 }
 TIME_UNITS = ("W", "D", "h", "m", "s", "ms", "us", "ns")  # units of times of NumPy that have a fixed length
 CRS = "crs"
+DAY = 86_400  # seconds; smaller times may begin with each file
 LARGEST_RATIO = 1100  # maximum compression ratio of Deflate, about 1,032 to 1: an entry above it is damaged
 DAMAGE = (ValueError, EOFError, OSError, struct.error, zipfile.BadZipFile, zlib.error)
 # Errors raised for a damaged header of an archive entry or an array.
@@ -109,7 +111,15 @@ def _open(key: FileKey) -> PointTable:
     n_points = len(columns["x"]) if "x" in columns else 0
     wkt = str(crs) if crs is not None and crs.dtype.kind == "U" and crs.shape == () else None
     details = {"arrays": {n: str(a.dtype) for n, a in arrays.items()}}
-    return PointTable(tuple(columns), n_points, rows, wkt, details, notes)
+    return PointTable(tuple(columns), n_points, rows, wkt, details, notes, times=_times(columns))
+
+
+def _times(columns: Mapping[str, NDArray]) -> str:
+    """Return the array `time` where it holds dates or seconds of the week (PandaSet), not those of a turn."""
+    if {"gps_time", *ALIASES["gps_time"]} & {name.lower() for name in columns} or "time" not in columns:
+        return ""
+    known = columns["time"][np.isfinite(columns["time"])]
+    return "time" if len(known) and known.min() >= DAY else ""
 
 
 def _stand_up(arrays: dict[str, NDArray]) -> tuple[str, ...]:

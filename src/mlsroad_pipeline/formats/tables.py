@@ -75,6 +75,7 @@ class PointTable:
     details: Mapping[str, Any] = field(default_factory=dict)  # content of `FileInfo.details`
     notes: tuple[str, ...] = ()  # one sentence per repair of the reader
     guess: Mapping[str, Any] = field(default_factory=dict)  # `ReadOptions.columns` of unnamed columns, where not set
+    times: str = ""  # column that holds times, though its name may mean others; read as gps_time unless it is mapped
     # Coordinates in the type of the file, where `rows` returns others: per part, a function of rows, and their number.
     stored: tuple[tuple[StoredCoordinates, int], ...] = ()
 
@@ -111,6 +112,8 @@ class TableFormat(PointFormat):
         options = with_units(options, table.crs, path)
         if table.guess and not options.columns:
             options = replace(options, columns=table.guess)
+        if table.times and "gps_time" not in options.columns and table.times not in options.columns.values():
+            options = replace(options, columns={**options.columns, "gps_time": table.times})
         names = resolve_columns(table.names, options, path)
         wanted = tuple(names.values())
         raw = table.rows(wanted, start, stop)

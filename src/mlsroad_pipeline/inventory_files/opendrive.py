@@ -112,7 +112,7 @@ def _add_header(root: ET.Element, crs: CRS | None, corners: NDArray[np.float64],
         _child(header, "geoReference").text = text
     else:
         name = "none" if crs is None else repr(crs.name)
-        logger.warning("%s has no geoReference: the coordinate reference system is %s", target, name)
+        logger.warning("%s has no geoReference: the coordinate reference system is %s", target.name, name)
 
 
 def _proj_text(crs: CRS) -> str:

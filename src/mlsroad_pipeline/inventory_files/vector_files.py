@@ -182,7 +182,7 @@ def write_gml(inventory: RoadInventory, target: Path) -> list[Path]:
     """Write the base points with all fields as GML 3.2, lines and others as ``..._lines.gml``, each with its schema."""
     table, crs = checked(inventory, target)
     if crs is not None and crs.to_authority() is None:
-        logger.warning("%s has no reference system: GML names them by codes, and %r has none", target, crs.name)
+        logger.warning("%s has no reference system: GML names them by codes, and %r has none", target.name, crs.name)
     options: dict[str, Any] = {"driver": "GML", "dataset_options": {"FORMAT": "GML3.2"}}
     written = _write(target, attributes(table), base_points(table), "Point Z", crs, layer="objects", **options)
     for layer, parts in further_layers(inventory).items():
@@ -249,7 +249,7 @@ def _short(columns: pd.DataFrame, path: Path) -> pd.DataFrame:
         n_cut += sum(new != old for new, old in zip(text, table[name], strict=True))
         table[name] = pd.Series(text, dtype=object, index=table.index)
     if n_cut:
-        logger.warning("%s: %d texts are cut to %d bytes, the limit of a Shapefile", path, n_cut, TEXT_BYTES)
+        logger.warning("%s: %d texts are cut to %d bytes, the limit of a Shapefile", path.name, n_cut, TEXT_BYTES)
     return table.rename(columns=_short_names(list(table.columns)))
 
 

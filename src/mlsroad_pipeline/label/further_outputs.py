@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Sequence
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 from mlsroad_pipeline.execution.output_lock import lock_output
@@ -16,6 +17,7 @@ from mlsroad_pipeline.label.inventory import export_inventory
 from mlsroad_pipeline.label.photos import FOLDER, write_photos
 from mlsroad_pipeline.label.runs import FOR_ALL, labelled_path
 from mlsroad_pipeline.label.summary import LabelSummary, moved_summary
+from mlsroad_pipeline.review.corrections import has_corrections, open_corrections
 from mlsroad_pipeline.surveys.parameters import LabelParameters
 from mlsroad_pipeline.surveys.plan import SurveyPlan
 
@@ -86,6 +88,14 @@ def _of_inventory(run: RunFolder, missing: Sequence[str], plan: SurveyPlan, para
     with_photos = any(name.startswith(f"{FOLDER}/") for name in names)
     if not formats and not with_photos:
         return []
+    if formats and has_corrections(run.output):
+        with open_corrections(run.output, write=False) as store:
+            n = len(store.current())
+        if n:
+            logger.warning(
+                "The exports hold the objects as labelled, without %d %s: mlsroad export %s -o FILE writes "
+                "the corrected ones", n, "decision" if n == 1 else "decisions", quote(str(run.output)),
+            )  # fmt: skip
     inventory = read_geopackage(run.output / FOR_ALL[0])
     written = export_inventory(inventory, formats, run)
     if with_photos:

@@ -18,6 +18,7 @@ from mlsroad_pipeline.algorithms.inventory.objects.review import FAR
 from mlsroad_pipeline.algorithms.inventory.objects.table import FIELDS
 from mlsroad_pipeline.algorithms.models.bundle import ModelBundle, bundle_scheme, model_source
 from mlsroad_pipeline.algorithms.models.methods import needs_images
+from mlsroad_pipeline.algorithms.quality.report import HEADINGS
 from mlsroad_pipeline.execution.collection import SceneCollection
 from mlsroad_pipeline.inventory_files.road_inventory import RoadInventory, fields_with_notes, line_vertices
 from mlsroad_pipeline.label.confidence import confidence_table
@@ -190,7 +191,7 @@ def label_report_sections(
         html.table_section("Confidence", confidence_table(total["confidences"], scheme.classes), CONFIDENCE_NOTE),
         _object_table(inventory.objects, pictures),
         *_line_table(lines),
-        html.table_section("Quality of the survey", quality),
+        html.table_section("Quality of the survey", quality.rename(columns=HEADINGS)),
         html.table_section("Files written", pd.DataFrame({"file": written_clouds(written)})),
     ]
 

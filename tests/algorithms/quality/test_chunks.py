@@ -8,6 +8,7 @@ from mlsroad_pipeline.algorithms.core.exceptions import DataError, ParameterErro
 from mlsroad_pipeline.algorithms.core.point_cloud import PointCloud
 from mlsroad_pipeline.algorithms.quality import chunks
 from mlsroad_pipeline.algorithms.quality.chunks import STANDARD_COLUMNS, inspect_chunk, merge
+from mlsroad_pipeline.algorithms.quality.report import HEADINGS
 
 
 def survey(rng, n=3000):
@@ -136,6 +137,7 @@ def test_row_is_flat_and_complete(rng):
     assert all(isinstance(value, str | bool | int | float) for value in row.values())
     assert {"source", "min_x", "max_z", "density", "n_gaps", "class_road", "class_car"} <= set(row)
     assert [row[f"has_{name}"] for name in STANDARD_COLUMNS] == [False, True, True, False, True, False]
+    assert {name for name in row if not name.startswith("class_")} == set(HEADINGS)  # a report has words for all
 
 
 def test_warnings_name_the_file_and_are_silent_when_all_is_well(rng):

@@ -1,14 +1,19 @@
 """Backgrounds of the map: pixels of GeoTIFF, MBTiles and PMTiles are where they belong; what cannot be shown is named."""
 
+import base64
 import io
+import re
 
 import numpy as np
+import pandas as pd
 import pytest
 from helpers.backgrounds import number, tiles_of, write_geotiff, write_mbtiles, write_pmtiles
 from PIL import Image
 from pyproj import CRS, Transformer
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ParameterError
+from mlsroad_pipeline.reporting.clouds.pictures import MapFrame
+from mlsroad_pipeline.reporting.html.objects import object_map_section
 from mlsroad_pipeline.review.page_server.background import Background
 from mlsroad_pipeline.review.page_server.tile_files import PmTiles
 from mlsroad_pipeline.review.page_server.wanted import area_of, size_of
@@ -35,6 +40,30 @@ def test_pixels_of_a_geotiff_are_where_they_belong(tmp_path):
     assert kind == "image/jpeg"
     expected = photo()[40:240, 40:200].astype(int)
     assert np.abs(found[..., :3].astype(int) - expected).max() <= 4  # JPEG
+
+
+@pytest.mark.parametrize(("system", "turn"), [(UTM33, 0.0), (UTM33, 35.0), (UTM32, 35.0)], ids=str)
+def test_the_map_of_a_report_has_the_background_in_its_own_frame(tmp_path, system, turn):
+    write_geotiff(tmp_path / "a<b.tif", photo(), WEST, NORTH, 0.5, epsg=25833)
+    background = Background(tmp_path / "a<b.tif", system)
+    middle = np.array(Transformer.from_crs(UTM33, system, always_xy=True).transform(WEST + 100, NORTH - 100))
+    right, up = (np.array([np.cos(a), np.sin(a)]) for a in np.radians([turn, turn + 90]))
+    frame = MapFrame(right, up, np.array([middle @ right - 40, middle @ up - 30]), np.array([80.0, 60.0]))
+    rows = pd.DataFrame({"kind": ["pole"], "x": [middle[0]], "y": [middle[1]]})
+    white = np.full((6, 8, 3), 255, np.uint8)
+    page = f"<p>a</p>{object_map_section('Map', rows, frame, {'pole': 1}, background=white).body}<p>b</p>"
+    changed = background.in_report(page)
+    kind, _, text = re.search(r'href="data:([^;]*);base64,([^"]*)"', changed).expand(r"\1 \2").partition(" ")
+    picture = np.asarray(Image.open(io.BytesIO(base64.b64decode(text))).convert("RGB")).astype(int)
+    assert kind == "image/jpeg" and "a&lt;b.tif</label>" in changed and changed.endswith("<p>b</p>")
+    back = Transformer.from_crs(system, UTM33, always_xy=True)
+    for apart in ((0, 0), (25, 10), (-30, -20)):
+        place = middle + apart[0] * right + apart[1] * up
+        column, row = (frame.place(place[None])[0] / frame.size * picture.shape[1::-1]).astype(int)
+        east, north = back.transform(*place)
+        expected = photo()[int((NORTH - north) / 0.5), int((east - WEST) / 0.5)].astype(int)
+        assert np.abs(picture[row, column] - expected).max() <= 5
+    assert background.in_report("<p>a report of an earlier version</p>") == "<p>a report of an earlier version</p>"
 
 
 @pytest.mark.parametrize("system", [UTM32, CRS.from_epsg(31469)], ids=["zone 32", "Gauss-Krueger, another datum"])

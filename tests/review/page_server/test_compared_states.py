@@ -4,14 +4,16 @@ import csv
 
 import pandas as pd
 import pytest
+from helpers.corrected import write_inventory
 from helpers.page_output import write_output
-from helpers.page_tab import decide, entries, reload
+from helpers.page_tab import click_at, decide, entries, reload, settle
 from typer.testing import CliRunner
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
 from mlsroad_pipeline.algorithms.inventory.changes.objects import STATES as CHANGE_STATES
 from mlsroad_pipeline.algorithms.inventory.register.states import STATES as REGISTER_STATES
 from mlsroad_pipeline.commands.app import app
+from mlsroad_pipeline.inventory_files.geopackage import read_geopackage
 from mlsroad_pipeline.review.compared_entries import COMPARED, KINDS, compared_entries
 from mlsroad_pipeline.review.corrections import Correction, open_corrections
 from mlsroad_pipeline.review.corrections.checked_states import with_checked
@@ -215,3 +217,34 @@ def test_the_list_is_checked_by_keys_and_a_reload_keeps_it(tab, server, folder):
     assert tab.js("page.model.entry.name") == "L2" and progress().startswith("2 of 3")
     tab.js("document.querySelector('#rest').click()")
     assert len(entries(tab)) == 5
+
+
+def test_decisions_about_objects_that_are_listed_no_more_are_marked(tmp_path):
+    write_output(tmp_path)
+    with open_corrections(tmp_path) as store:
+        for number in (4, 5):
+            store.add(Correction("reject", number), who="ann")
+    inventory = read_geopackage(tmp_path / "inventory.gpkg")
+    kept = inventory.objects[inventory.objects["object_id"] != 5]
+    write_inventory(tmp_path, kept)
+    shown = ServedSurvey(OutputFolder.find(tmp_path), user="ann")
+    assert [(d["object_id"], d["lost"]) for d in shown.corrections()["decisions"]] == [(4, False), (5, True)]
+    shown.close()
+
+
+def test_the_map_draws_the_listed_entries_and_a_click_chooses_one(tab):
+    tab.js("page.actions.showList('objects'); page.map.fit()")
+    settle(tab)
+    tab.js("window.before = page.map.element.querySelector('canvas').toDataURL()")
+    tab.js("page.actions.showList('register')")
+    settle(tab)
+    assert tab.js("page.map.element.querySelector('canvas').toDataURL() !== window.before")
+    assert tab.js("page.model.listedEntries().map((entry) => entry.name)") == ["L2", "L3", "object 4"]
+    x, y = tab.js(
+        "(() => { const [x, y] = page.map.plan(page.model.entriesOf('register')[2]);"
+        "const b = page.map.element.getBoundingClientRect(); return [b.x + x, b.y + y]; })()"
+    )
+    click_at(tab, (x, y))
+    assert tab.js("page.model.entry.name") == "L3"
+    click_at(tab, (x, y + 40))  # nothing is there
+    assert tab.js("page.model.entry.name") == "L3"

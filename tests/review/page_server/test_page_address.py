@@ -5,6 +5,7 @@ import pytest
 from helpers.page_tab import READY, errors, local
 
 from mlsroad_pipeline.inventory_files.geopackage import read_geopackage
+from mlsroad_pipeline.label.report import _line_table
 from mlsroad_pipeline.reporting.clouds.pictures import map_frame
 from mlsroad_pipeline.reporting.html.objects import object_map_section, object_table_section
 from mlsroad_pipeline.reporting.html.report import table_section
@@ -77,7 +78,7 @@ def report(folder):
     doubts = pd.DataFrame({"reason": ["low"], "x": [1520.123], "y": [905.25], "z": [12.5]})
     sections = [
         object_map_section("Map", objects, frame, counts),
-        table_section("Lines", inventory.lines[["line_id", "kind"]]),
+        *_line_table(inventory.lines.assign(status="")),
         table_section("Places to check", doubts),
         object_table_section(
             "Objects", objects, pd.DataFrame({"objects": [5]}), names, frame.place(objects[["x", "y"]])

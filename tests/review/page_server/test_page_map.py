@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from helpers.backgrounds import write_geotiff
 from helpers.page_output import ORIGIN
-from helpers.page_tab import settle
+from helpers.page_tab import READY, settle
 from PIL import Image
 
+from mlsroad_pipeline.inventory_files.geopackage import read_geopackage
+from mlsroad_pipeline.reporting.clouds.pictures import map_frame
+from mlsroad_pipeline.reporting.html.objects import object_map_section
 from mlsroad_pipeline.review.page_server.background import Background
 from mlsroad_pipeline.review.page_server.export import export_page
 from mlsroad_pipeline.review.page_server.output_folder import OutputFolder
@@ -29,6 +32,11 @@ def ortho(tmp_path_factory):
 @pytest.fixture(scope="module")
 def options(ortho):
     return ("--background", str(ortho))
+
+
+def opened_at(tab, server):
+    tab.open(f"http://127.0.0.1:{server.port}/", width=1200, height=800)
+    tab.until(READY)
 
 
 def map_picture(tab):
@@ -78,6 +86,23 @@ def test_the_background_is_served_to_the_page_alone_and_wrong_requests_are_refus
         status, _, error = tab.js(ask.format(query))
         assert status == 409 and words in error
     tab.messages.clear()  # the refusals are in the console
+
+
+def test_the_report_has_the_background_under_its_map(tab, server, folder):
+    path = folder / "report.html"
+    before, objects = path.read_bytes(), read_geopackage(folder / "inventory.gpkg").objects
+    places = objects[["x", "y"]].to_numpy()
+    white = np.full((6, 8, 3), 255, np.uint8)
+    counts = objects["kind"].value_counts().to_dict()
+    section = object_map_section("Map", objects, map_frame(places, places), counts, background=white)
+    path.write_text(f"<meta charset=utf-8>{section.body}", encoding="utf-8")
+    tab.open(f"http://127.0.0.1:{server.port}/report", width=1200, height=800)
+    address = "document.querySelector('image[data-layer=cloud]').href.baseVal"
+    assert tab.js(address).startswith(("data:image/jpeg", "data:image/png"))
+    assert tab.js("document.querySelector('.legend').innerText.includes('ortho <b>.tif')")
+    path.write_bytes(before)
+    assert tab.messages == []
+    opened_at(tab, server)  # the sandbox of the report has no storage
 
 
 def test_the_map_can_be_made_larger_and_small_again(tab):

@@ -7,6 +7,21 @@ from typing import Any, Self
 STANDARD_COLUMNS = ("rgb", "intensity", "gps_time", "scanner", "label", "instance")
 """Columns that a report lists as present or missing."""
 
+HEADINGS = {
+    **{"source": "file", "n_points": "points", "n_not_finite": "coordinates not finite"},
+    **{"n_duplicates": "repeated points", "duplicates_exact": "repeated points are exact"},
+    **{"n_withheld": "flagged withheld", "n_noise": "class of noise (7, 18)", "n_places": "places over 500 m apart"},
+    **{"density": "points per m², mean", "median_density": "points per m², median"},
+    "concentration": "nearness to one centre (single scan: below 0.45)",
+    **{f"{end}_{axis}": f"{axis} {word} [m]" for axis in "xyz" for end, word in (("min", "from"), ("max", "to"))},
+    **{"has_rgb": "colour", "has_intensity": "intensity", "has_gps_time": "times", "has_scanner": "scanner"},
+    **{"has_label": "classes", "has_instance": "objects", "time_start": "first time [s]", "time_end": "last time [s]"},
+    **{"n_gaps": "gaps in time", "longest_gap": "longest gap [s]", "max_gap": "a gap begins at [s]"},
+    **{"n_backward": "steps back in time", "n_times_not_finite": "times not finite"},
+    **{"intensity_min": "least intensity", "intensity_max": "largest intensity"},
+}
+"""Headings of the columns of `QualityReport.as_row` in a report."""
+
 
 @dataclass(frozen=True)
 class QualityReport:

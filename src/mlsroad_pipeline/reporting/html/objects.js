@@ -103,7 +103,7 @@
   };
   if (isServed) document.querySelectorAll("table:not(#objects)").forEach(other => {
     const heads = [...other.querySelectorAll("th")].map(head => head.textContent);
-    const [line, x, y, z] = ["line id", "x", "y", "z"].map(name => heads.indexOf(name));
+    const [line, x, y, z] = ["Line", "x", "y", "z"].map(name => heads.indexOf(name));
     if (line < 0 && Math.min(x, y, z) < 0) return;
     other.querySelectorAll("tbody tr").forEach(row => {
       const number = k => row.cells[k].textContent.replaceAll("\u202f", "");

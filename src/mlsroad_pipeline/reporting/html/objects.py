@@ -76,7 +76,7 @@ def object_map_section(
     if background is not None:
         drawn = (
             f'<image data-layer="cloud" width="{width:.2f}" height="{height:.2f}" preserveAspectRatio="none" '
-            f'opacity="0.5" href="{data_uri(background)}"/>'
+            f'opacity="0.5" data-frame="{frame_text(frame)}" href="{data_uri(background)}"/>'
         )
     if path is not None:
         boxes.append('<label><input type="checkbox" checked data-layer="path"><i class="line"></i>path</label>')
@@ -105,6 +105,11 @@ def object_map_section(
         '<div id="object-details" class="details" role="status" aria-live="polite"><p class="none">'
         f"{_HINT if len(objects) else 'No objects were found.'}</p></div>\n",
     )
+
+
+def frame_text(frame: MapFrame) -> str:
+    """Return the numbers of a frame, by which another picture finds its place."""
+    return ",".join(repr(float(value)) for part in frame for value in part)
 
 
 def _moves(line: NDArray[np.float64]) -> str:

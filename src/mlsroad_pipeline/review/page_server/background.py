@@ -3,13 +3,16 @@
 import base64
 import io
 import logging
+import re
 import sqlite3
 import struct
 import threading
 import warnings
 import zlib
+from collections.abc import Sequence
+from html import escape
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +28,12 @@ logger = logging.getLogger(__name__)
 
 Area = tuple[float, float, float, float]
 """West, south, east, north."""
+
+Frame = tuple[float, float, float, float, float, float, float, float]
+"""Axes to the right and upwards (east, north), lower left corner along them, width and height: that of a map."""
+
+_CLOUD = re.compile(r'<image data-layer="cloud"[^>]* data-frame="([-+.,e\d]+)" href="([^"]*)"')
+"""Picture of the cloud on the map of a report."""
 
 MOST_PIXELS = 120_000_000
 """Largest GeoTIFF, pixels: it is held in memory."""
@@ -59,15 +68,19 @@ class Background:
 
     def picture(self, area: Area, size: tuple[int, int]) -> tuple[bytes, str]:
         """Return an area of the survey's system as JPEG, or as PNG where a part has no colour, and its media type."""
+        west, south, east, north = area
+        return self._checked((1.0, 0.0, 0.0, 1.0, west, south, east - west, north - south), size)
+
+    def _checked(self, frame: Frame, size: tuple[int, int]) -> tuple[bytes, str]:
         try:
-            return self._picture(area, size)
+            return self._picture(frame, size)
         except MlsRoadError:
             raise
         except _DAMAGED as error:
             raise ReadError(f"{self._path} is damaged: {' '.join(str(error).split())}") from error
 
-    def _picture(self, area: Area, size: tuple[int, int]) -> tuple[bytes, str]:
-        x, y = self._places(area, size)
+    def _picture(self, frame: Frame, size: tuple[int, int]) -> tuple[bytes, str]:
+        x, y = self._places(frame, size)
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
             found = np.zeros((*x.shape, 4), np.uint8)
         elif isinstance(self._source, GeoTiff):
@@ -89,22 +102,46 @@ class Background:
 
     def embedded(self, area: Area) -> dict[str, Any]:
         """Return the picture of an area as a data address, for a page without a server."""
-        longer = max(area[2] - area[0], area[3] - area[1])
-        width, height = (max(1, round(LARGEST * (b - a) / longer)) for a, b in zip(area[:2], area[2:], strict=True))
-        content, kind = self.picture(area, (width, height))
-        return {"address": f"data:{kind};base64,{base64.b64encode(content).decode()}", "area": list(area)}
+        west, south, east, north = area
+        return {
+            "address": self._address((1.0, 0.0, 0.0, 1.0, west, south, east - west, north - south)),
+            "area": list(area),
+        }
 
-    def _places(self, area: Area, size: tuple[int, int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def in_report(self, page: str) -> str:
+        """Return a report whose map shows this file in place of the cloud; one without a frame is unchanged."""
+        found = _CLOUD.search(page)
+        if found is None:
+            return page
+        frame = tuple(float(number) for number in found[1].split(","))
+        page = f"{page[: found.start(2)]}{self._address(cast('Frame', frame))}{page[found.end(2) :]}"
+        return page.replace(">cloud by class</label>", f">{escape(self.name)}</label>", 1)
+
+    def _address(self, frame: Frame) -> str:
+        """Return the picture of a frame as a data address."""
+        width, height = (max(1, round(LARGEST * side / max(frame[6:]))) for side in frame[6:])
+        content, kind = self._checked(frame, (width, height))
+        return f"data:{kind};base64,{base64.b64encode(content).decode()}"
+
+    def _places(self, frame: Frame, size: tuple[int, int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the places of the pixels in the system of the file."""
-        (west, south, east, north), (width, height) = area, size
-        x = west + (np.arange(width) + 0.5) / width * (east - west)
-        y = north - (np.arange(height) + 0.5) / height * (north - south)
+        (*axes, left, bottom, wide, high), (width, height) = frame, size
+        right = left + (np.arange(width) + 0.5) / width * wide
+        up = bottom + high - (np.arange(height) + 0.5) / height * high
         if self._moved is None:
-            return np.broadcast_to(x, (height, width)), np.broadcast_to(y[:, None], (height, width))
-        knots_x, knots_y = np.linspace(west, east, _KNOTS), np.linspace(north, south, _KNOTS)
-        moved = self._moved.transform(*np.meshgrid(knots_x, knots_y))
-        across, down = _hats(x, knots_x), _hats(-y, -knots_y)
+            return _turned(right, up, axes)
+        knots_right, knots_up = np.linspace(left, left + wide, _KNOTS), np.linspace(bottom + high, bottom, _KNOTS)
+        moved = self._moved.transform(*_turned(knots_right, knots_up, axes))
+        across, down = _hats(right, knots_right), _hats(-up, -knots_up)
         return tuple(down @ np.asarray(part) @ across.T for part in moved)
+
+
+def _turned(
+    right: NDArray[np.float64], up: NDArray[np.float64], axes: Sequence[float]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the eastings and northings of places along two axes, shape (up, right)."""
+    x, y = (right * axes[k] + up[:, None] * axes[k + 2] for k in (0, 1))
+    return x, y
 
 
 def _hats(values: NDArray[np.float64], knots: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ import uvicorn
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
+from starlette.responses import FileResponse, HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
 from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError
@@ -116,7 +116,11 @@ def _files(survey: ServedSurvey) -> list[Route]:
         path = resolved(survey.output.path, REPORT)
         if path is None:
             return PlainTextResponse("There is no report.\n", 404)
-        return FileResponse(path, media_type="text/html", headers={"Content-Security-Policy": REPORT_POLICY})
+        headers = {"Content-Security-Policy": REPORT_POLICY}
+        if survey.background is None:
+            return FileResponse(path, media_type="text/html", headers=headers)
+        page = await run_in_threadpool(lambda: survey.report(path))
+        return HTMLResponse(page, headers=headers)
 
     async def icon(request: Request) -> Response:
         return Response(status_code=204)  # the report names none, so that a browser asks for this one
