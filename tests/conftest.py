@@ -12,8 +12,6 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 # LightGBM's threads wait asleep. Where cores are shared, busy waiting takes thirty times the processor time.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
-import sys
-import types
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +21,6 @@ import pytest
 from helpers import forking
 from helpers.store import store_at
 
-# Open3D imports it for figures in a notebook, which takes longer than the rest of Open3D.
-sys.modules.setdefault("dash", types.SimpleNamespace(html=None, dcc=None, Dash=None))  # type: ignore[arg-type]
 gc.disable()  # until all tests are collected: the imports leave little garbage, and collecting it takes a tenth of their time
 REPOSITORY = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("MLSROAD_DATA", REPOSITORY.parent / "shared" / "data"))

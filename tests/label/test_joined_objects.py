@@ -1,12 +1,9 @@
-"""Joined objects and lines: scenes are read once where they fit into memory; what is far from the path is left out."""
+"""Joined objects: scenes are read once where they fit into memory; a limit of the distance needs a path."""
 
-import numpy as np
 import pandas as pd
 import pytest
 
 from mlsroad_pipeline.algorithms.core.exceptions import ParameterError
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import line_row
-from mlsroad_pipeline.algorithms.scenes.trajectory import Trajectory
 from mlsroad_pipeline.label import joined_objects
 from mlsroad_pipeline.label.inventory import check_paths
 from mlsroad_pipeline.surveys.parameters import LabelParameters
@@ -43,21 +40,6 @@ def test_files_of_two_passes_have_different_numbers():
     north, south = joined_objects._sightings(stored, ["survey.north", "survey.south"])
     assert [north.scene, south.scene] == [result.key for result in stored]
     assert len({*north.table["file"], *south.table["file"]}) == 4
-
-
-def test_lines_near_the_path_are_kept_whole():
-    path = Trajectory.from_positions(np.array([[0.0, 0, 0], [100, 0, 0]]))
-    kerbs = [
-        [[10, 4, 0], [60, 4, 0]],
-        [[10, 20, 0], [60, 45, 0]],
-        [[10, 40, 0], [60, 40, 0]],
-        [[140, 0, 0], [150, 0, 0]],
-    ]
-    lines = pd.DataFrame([line_row("kerb", np.array(kerb, float), path) for kerb in kerbs])
-    assert joined_objects._near_path(lines, path, 30.0).index.tolist() == [0, 1]
-    for unlimited in (joined_objects._near_path(lines, path, None), joined_objects._near_path(lines, None, 30.0)):
-        assert unlimited is lines
-    assert joined_objects._near_path(lines.iloc[:0], path, 30.0).empty
 
 
 def test_a_limit_needs_a_path(tmp_path):

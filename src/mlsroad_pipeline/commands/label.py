@@ -94,7 +94,7 @@ def label(  # typer reads the options from the signature
         bool, typer.Option("--photos", help="Also write a photo of each object that images beside the points show.")
     ] = False,
     within: Annotated[
-        float | None, typer.Option(metavar="METRES", help="List objects and lines this near to the path alone.")
+        float | None, typer.Option(metavar="METRES", help="Leave out objects and lines farther from the path.")
     ] = None,
     keep_classes: KeepClasses = False,
     keep: Annotated[

@@ -5,12 +5,11 @@ from typing import TypedDict, overload
 
 import numpy as np
 import pandas as pd
-import shapely
 from numpy.typing import NDArray
 
 from mlsroad_pipeline.algorithms.core.scene_key import SceneKey
 from mlsroad_pipeline.algorithms.inventory.lines.barriers import join_barriers
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import numbered
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import lines_near, numbered
 from mlsroad_pipeline.algorithms.inventory.lines.kerbs.kerb_lines import join_kerbs
 from mlsroad_pipeline.algorithms.inventory.lines.markings.marking_lines import join_markings
 from mlsroad_pipeline.algorithms.inventory.lines.wire_poles import with_utility_poles
@@ -120,7 +119,9 @@ def join_objects(
         passes.append((scenes, trajectory))
         stored = kerbs[pass_key], wires[pass_key], barriers[pass_key], markings[pass_key]
         found = _lines_of_pass(*stored, trajectory, least_kerb=least_kerb, least_marking=least_marking)
-        lines.append(numbered([_near_path(table, trajectory, within) for table in found]))
+        if within is not None and trajectory is not None:
+            found = [lines_near(table, trajectory, within) for table in found]
+        lines.append(numbered(found))
     scorer = classifier_of(model) if classifier else None
     joined, numbers = join_inventories(
         passes, rules, classifier=scorer, least_score=least_score, join_drives=join_drives, within=within
@@ -158,16 +159,6 @@ def _lines_of_pass(
     marking_lines = join_markings(stripes, trajectory, kerbs=kerb_lines, least_length=least_marking)
     barrier_lines = join_barriers([stored.load() for stored in barriers], trajectory)
     return [kerb_lines, wire_lines, barrier_lines, marking_lines]
-
-
-def _near_path(lines: pd.DataFrame, trajectory: Trajectory | None, within: float | None) -> pd.DataFrame:
-    """Return the lines with a vertex at most so many metres from the path; all where there is no limit or no path."""
-    if within is None or trajectory is None or lines.empty:
-        return lines
-    xyz, owner = shapely.get_coordinates(shapely.from_wkt(lines["line"].to_numpy()), include_z=True, return_index=True)
-    nearest = np.full(len(lines), np.inf)
-    np.minimum.at(nearest, owner, trajectory.distance(xyz))
-    return lines[nearest <= within]
 
 
 def join_inventories(

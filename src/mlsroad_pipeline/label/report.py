@@ -175,7 +175,7 @@ def label_report_sections(
     segmentation = segmentation_source(bundle)
     if segmentation is not None:
         facts["images segmented by"] = f"{segmentation['name']}, classes of {segmentation['classes']}"
-    facts |= _seen_by_cameras(bundle, counts) | _near_path(inventory.objects)
+    facts |= _seen_by_cameras(bundle, counts) | _number_near(inventory.objects)
     lines = corrected_lines(inventory.lines, Path(parameters.output), inventory.trajectory)
     return [
         html.warnings_section("Warnings", list(warnings)),
@@ -196,12 +196,12 @@ def label_report_sections(
     ]
 
 
-def _near_path(objects: pd.DataFrame) -> dict[str, str]:
+def _number_near(objects: pd.DataFrame) -> dict[str, str]:
     """Return how many of the objects are near the path, for surveys with one."""
     offset = objects["offset"].dropna().abs()
-    return (
-        {f"objects within {FAR:g} m of the path": f"{(offset <= FAR).sum()} of {len(objects)}"} if len(offset) else {}
-    )
+    if offset.empty:
+        return {}
+    return {f"objects within {FAR:g} m of the path": f"{(offset <= FAR).sum()} of {len(objects)}"}
 
 
 def _map_and_pictures(

@@ -9,7 +9,7 @@ import pandas as pd
 import shapely
 
 from mlsroad_pipeline.algorithms.core.exceptions import DataError
-from mlsroad_pipeline.algorithms.inventory.lines.extraction import line_table
+from mlsroad_pipeline.algorithms.inventory.lines.extraction import line_table, lines_near
 from mlsroad_pipeline.algorithms.inventory.lines.layers import LINE_KINDS
 from mlsroad_pipeline.algorithms.inventory.objects.boxes import oriented_box
 from mlsroad_pipeline.algorithms.inventory.objects.measures import EXTENT, MEASURES
@@ -95,12 +95,11 @@ def within_reach(inventory: RoadInventory, reach: float) -> RoadInventory:
     """Return the objects and lines at most `reach` metres from the path; DataError without a path."""
     if inventory.trajectory is None:
         raise DataError("the survey has no path: distances from it are unknown (--within)")
-    objects, lines = _near(inventory.objects, reach), inventory.lines
-    return _measured_along(replace(inventory, objects=objects, lines=None if lines is None else _near(lines, reach)))
-
-
-def _near(table: pd.DataFrame, reach: float) -> pd.DataFrame:
-    return table[table["offset"].abs() <= reach].reset_index(drop=True)
+    objects, lines, path = inventory.objects, inventory.lines, inventory.trajectory
+    if len(objects):
+        objects = objects[path.distance(objects[["x", "y", "z"]].to_numpy(np.float64)) <= reach].reset_index(drop=True)
+    lines = None if lines is None else lines_near(lines, path, reach).reset_index(drop=True)
+    return _measured_along(replace(inventory, objects=objects, lines=lines))
 
 
 def changed_rows(

@@ -99,6 +99,16 @@ def line_table(rows: Sequence[dict[str, object]]) -> pd.DataFrame:
     return numbered([table])
 
 
+def lines_near(lines: pd.DataFrame, path: Trajectory, reach: float) -> pd.DataFrame:
+    """Return the lines with a vertex at most `reach` metres from a path."""
+    if lines.empty:
+        return lines
+    xyz, owner = shapely.get_coordinates(shapely.from_wkt(lines["line"].to_numpy()), include_z=True, return_index=True)
+    nearest = np.full(len(lines), np.inf)
+    np.minimum.at(nearest, owner, path.distance(xyz))
+    return lines[nearest <= reach]
+
+
 def numbered(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
     """Return several tables of lines as one, numbered from 1 by kind."""
     filled = [table for table in tables if len(table)]
