@@ -108,6 +108,15 @@ class Background:
             "area": list(area),
         }
 
+    def report(self, path: Path) -> str:
+        """Return a report with this file under its map; as it is where the file cannot be read."""
+        page = path.read_text(encoding="utf-8")
+        try:
+            return self.in_report(page)
+        except MlsRoadError as error:
+            logger.warning("%s", error)
+            return page
+
     def in_report(self, page: str) -> str:
         """Return a report whose map shows this file in place of the cloud; one without a frame is unchanged."""
         found = _CLOUD.search(page)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import logging
 import threading
 from collections.abc import Iterator, Sequence
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mlsroad_pipeline.algorithms.core.exceptions import MlsRoadError, ParameterError, ReadError
+from mlsroad_pipeline.algorithms.core.exceptions import ParameterError, ReadError
 from mlsroad_pipeline.review.compared_entries import COMPARED, Entry, check_entries, checked_of, compared_entries
 from mlsroad_pipeline.review.page_server.output_folder import REPORT, OutputFolder
 from mlsroad_pipeline.review.page_server.selection import Near, brushed, cluster
@@ -27,8 +25,6 @@ if TYPE_CHECKING:
     from mlsroad_pipeline.review.page_server.background import Background
     from mlsroad_pipeline.review.page_server.decided import Decided
     from mlsroad_pipeline.review.page_server.point_groups import PointGroups
-
-logger = logging.getLogger(__name__)
 
 # The corrections need pandas and SciPy, a second of imports that the first picture does not wait for.
 
@@ -194,15 +190,6 @@ class ServedSurvey:
         """Return the state of the tiles, and a text that changes with every decision, also of other tabs."""
         self._drawn.set()
         return {**self.tiles.status(), "mark": self.store.mark()}
-
-    def report(self, path: Path) -> str:
-        """Return the report with the background under its map; without it where the file cannot be read."""
-        page = path.read_text(encoding="utf-8")
-        try:
-            return page if self.background is None else self.background.in_report(page)
-        except MlsRoadError as error:
-            logger.warning("%s", one_line(error))
-            return page
 
     def deliver(self, wanted: dict[str, Any]) -> dict[str, Any]:
         """Write files of a delivery into a new folder below the output, and return its name and theirs."""

@@ -117,9 +117,10 @@ def _files(survey: ServedSurvey) -> list[Route]:
         if path is None:
             return PlainTextResponse("There is no report.\n", 404)
         headers = {"Content-Security-Policy": REPORT_POLICY}
-        if survey.background is None:
+        shown = survey.background
+        if shown is None:
             return FileResponse(path, media_type="text/html", headers=headers)
-        page = await run_in_threadpool(lambda: survey.report(path))
+        page = await run_in_threadpool(lambda: shown.report(path))
         return HTMLResponse(page, headers=headers)
 
     async def icon(request: Request) -> Response:
